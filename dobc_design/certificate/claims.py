@@ -15,7 +15,7 @@ from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.consensus import claim as consensus
 from dobc_design.conditions.equilibrium import claim as equilibrium
-from dobc_design.conditions.quadratic import checks as quadratic
+from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.claim import SamplingBound

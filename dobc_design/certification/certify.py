@@ -1,8 +1,7 @@
-"""From a problem to a certificate, and back from a certificate to the claims in it: the order of the topics.
+"""From a problem to a certificate, and back to the claims in it: the order of the topics.
 
 certify: network and Lemma 1, the observer, the theorem; then cures, the stages of the region cheapest first, a settling
-time, another equilibrium.  Every stage proposes in floating point and decides exactly.  What carries the verdict is
-said in ``overall``, what would cure a failure in ``cures``.  verify: every claim again, from the trusted problem.
+time, another equilibrium.  Every stage proposes in floating point and decides exactly.
 """
 
 from __future__ import annotations
@@ -11,6 +10,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import zip_longest
 from os import PathLike
 from typing import Any
@@ -23,26 +23,13 @@ from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import Recheck, verify_twice
 from dobc_design.conditions.boxes.stage import exhaustive_stage
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.consensus import decide as consensus
+from dobc_design.conditions.consensus import propose as estimates
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
-from dobc_design.conditions.consensus.decide import (
-    Proposal,
-    lemma1_check,
-    psi_is_negative,
-    schur_block,
-    theorem_check,
-    with_vectors,
-)
+from dobc_design.conditions.consensus.decide import Proposal
 from dobc_design.conditions.consensus.network import reachability_check
-from dobc_design.conditions.consensus.propose import (
-    Top,
-    decay_rate,
-    directions,
-    lambda_tops,
-    pair_margin,
-    pair_rate,
-    witness_directions,
-)
+from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import Asked, Progress, covers, read_region
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check
@@ -94,24 +81,22 @@ def certify(
     report = progress or (lambda stage: None)
     tolerance = None if settling is None else read_tolerance(settling)
     found = decide(problem, report)
-    findings = Findings(
-        statements=found.statements, directions=found.directions, P=None if found.pair is None else found.pair.P
-    )
-    checks = with_cures(
-        problem, found.checks, findings, progress=report, decide=lambda cured: decide(cured, lambda stage: None).checks
-    )
-    W, pair = found.W, found.pair
-    checks = (
-        *checks,
-        *region_checks(problem, W, checks, domain=found.statements.domain, everything=everything, report=report),
-    )
+    P = None if found.pair is None else found.pair.P
+    findings = Findings(statements=found.statements, directions=found.directions, P=P)
+
+    def quietly(cured: Problem) -> tuple[Check, ...]:
+        return decide(cured, lambda stage: None).checks
+
+    checks = with_cures(problem, found.checks, findings, progress=report, decide=quietly)
+    W, pair, domain = found.W, found.pair, found.statements.domain
+    checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
     if tolerance is not None or (everything and problem.region is not None):
-        checks = (
-            *checks,
-            settling_stage(problem, W, checks, tolerance=tolerance, domain=found.statements.domain, report=report),
-        )
-    checks = tuple(writable(check) for check in (*checks, *other_equilibria(problem, W, checks, report=report)))
+        checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
+    checks += tuple(other_equilibria(problem, W, checks, report=report))
+    checks = tuple(map(writable, checks))
     overall = decide_overall(problem, checks, W)
+    all_option = ["--all"] if everything else []
+    settling_option = [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
     return Certificate(
         problem=problem,
         claims=Claims(
@@ -124,14 +109,11 @@ def certify(
             checks=checks,
             W=W,
             gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
-            P=None if pair is None else pair.P,
+            P=P,
             Q=None if pair is None else pair.Q,
             notes=tuple(notes_of(problem, found.designs, found.how)),
             version=__version__,
-            options=(
-                *(["--all"] if everything else []),
-                *([] if tolerance is None else [f"--settling {number_text(tolerance)}"]),
-            ),
+            options=(*all_option, *settling_option),
         ),
     )
 
@@ -181,10 +163,8 @@ def certify_settling(
 def region_checks(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, domain: str, everything: bool, report: Progress
 ) -> list[Check]:
-    """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are for.
-
-    Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.
-    """
+    """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are
+    for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted."""
     if not everything and (problem.region is None or any(covers(problem, check, checks) for check in checks)):
         return []
     asked = read_region(problem, W, domain=domain, everything=everything)
@@ -200,9 +180,8 @@ def other_equilibria(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, report: Progress
 ) -> Iterator[Check]:
     """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
-    if problem.region is None or problem.is_linear or (problem.groups and W is None):
-        return
-    if decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
+    can = problem.region is not None and not problem.is_linear and (W is not None or not problem.groups)
+    if can and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
         from dobc_design.falsification.search import equilibrium_check
 
         report("looking for another equilibrium")
@@ -228,15 +207,20 @@ def decide(problem: Problem, report: Progress) -> Decided:
     """Run every condition that applies; no cures."""
     report("stating the theorems")
     statements = state_theorems(problem)
-    tops = _estimates(statements)
-    statements = with_vectors(statements, {mode: top.shows for mode, top in tops.items() if top.shows is not None})
+    tops: dict[str, Top] = {}
+    try:
+        tops = estimates.lambda_tops(statements)
+    except (ArithmeticError, RuntimeError, ValueError) as error:  # the exact side then does without
+        logger.warning("eigenvalue estimate failed: %s", error)
+    shows = {mode: top.shows for mode, top in tops.items() if top.shows is not None}
+    statements = consensus.with_vectors(statements, shows)
     run = _Run(problem=problem, statements=statements, tops=tops, found={})
     report("deciding network and Lemma 1")
     lemmas = run.lemmas()
-    checks = [*(reachability_check(problem, mode) for mode in problem.network.modes), *lemmas]
+    checks = (*(reachability_check(problem, mode) for mode in problem.network.modes), *lemmas)
     exosystem = problem.joint_exosystem
     if exosystem is None:
-        return Decided(checks=tuple(checks), statements=statements, directions=run.found)
+        return Decided(checks=checks, statements=statements, directions=run.found)
     report("deciding the observer")
     designs = design_gains(problem)
     gains = chosen_gains(problem, designs)
@@ -256,10 +240,8 @@ def decide(problem: Problem, report: Progress) -> Decided:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Run:
-    """One certification: the problem, its conditions, floating-point estimates to propose from.
-
-    ``found``: directions of few agents, filled in for the modes where Lambda < 0 looks doubtful.
-    """
+    """One certification: the problem, its conditions, floating-point estimates to propose from.  ``found``:
+    directions of few agents, filled in for the modes where Lambda < 0 looks doubtful."""
 
     problem: Problem
     statements: Statements
@@ -272,19 +254,15 @@ class _Run:
         for mode in self.problem.network.modes:
             top = self.tops.get(mode)
             if top is None or not top.value < -DOUBT:
-                self.found[mode] = self.small_directions(mode)
+                self.found[mode] = []
+                try:
+                    self.found[mode] = estimates.witness_directions(self.problem, mode)
+                except (ArithmeticError, RuntimeError, ValueError) as error:
+                    logger.warning("no small directions: %s", error)
             vectors = [*self.found.get(mode, ()), *([] if top is None else [top.vector.tolist()])]
             proposal = Proposal(margin=0.0 if top is None else -top.value, vectors=vectors)
-            checks.append(lemma1_check(self.statements, mode, proposal))
+            checks.append(consensus.lemma1_check(self.statements, mode, proposal))
         return checks
-
-    def small_directions(self, mode: str) -> list[Sequence[float]]:
-        """Directions of few agents in which Lambda may not be negative; none if a numerical library breaks down."""
-        try:
-            return witness_directions(self.problem, mode)
-        except (ArithmeticError, RuntimeError, ValueError) as error:
-            logger.warning("no small directions: %s", error)
-            return []
 
     def observer_checks(self, gains: Sequence[Matrix | None]) -> list[Check]:
         """Observability, detectability, Hurwitz, for every group of agents."""
@@ -296,8 +274,10 @@ class _Run:
             own = _checks_of(group, None if lacking is not None else W, None)
             if W is not None and lacking is not None:  # a certificate holds all gains or none
                 reason = f"it is left open, because the group of agent {lacking.name} has no gain W."
-                own[-1] = Check(id="hurwitz", verdict=Verdict.UNDECIDED, domain="global", reason=reason)
-            checks += [_in_group(check, group) for check in own]
+                own[-1] = undecided_check("hurwitz", "global", reason)
+            # without its fix, which names keys that all agents share
+            who = f"Of {name_some(group.agents)}: "
+            checks += [replace(check, group=group.name, fix=None, reason=who + check.reason) for check in own]
         return checks
 
     def theorem_checks(
@@ -306,27 +286,18 @@ class _Run:
         """The printed P where there is one, then the theorem with a P of our own; how that came about."""
         problem, checks = self.problem, []
         name = "theorem1" if len(problem.network.modes) == 1 else "theorem2"
+        check = partial(consensus.theorem_check, statements=self.statements, exosystem=exosystem, lemmas=lemmas)
         own = problem.joint_observer
         if own.P is not None and own.W is not None:
-            printed = Pair(P=own.P, Q=multiply(own.P, own.W))
-            checks.append(
-                theorem_check(
-                    f"{name}-printed",
-                    self.statements,
-                    exosystem,
-                    printed,
-                    self.proposal(printed, exosystem),
-                    lemmas=lemmas,
-                    obstacle=None,
-                    printed=True,
-                )
-            )
+            given = Pair(P=own.P, Q=multiply(own.P, own.W))
+            proposal = self.proposal(given, exosystem)
+            checks.append(check(f"{name}-printed", pair=given, proposal=proposal, obstacle=None, printed=True))
         obstacle = next((c for c in observer if c.id in OBSTACLES and c.verdict is Verdict.REFUTED), None)
         blocked = obstacle is not None or any(c.verdict is not Verdict.PROVED for c in lemmas)
         known = [W for W in gains if W is not None]
         pair, how = (None, "") if blocked or len(known) < len(gains) else self.find_pair(exosystem, known)
         proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
-        checks.append(theorem_check(name, self.statements, exosystem, pair, proposal, lemmas=lemmas, obstacle=obstacle))
+        checks.append(check(name, pair=pair, proposal=proposal, obstacle=obstacle))
         return checks, pair, how
 
     def find_pair(self, exosystem: Exosystem, gains: Sequence[Matrix]) -> tuple[Pair | None, str]:
@@ -334,8 +305,8 @@ class _Run:
         bound = max((top.value for top in self.tops.values()), default=math.nan)
         for P, Q, how in _proposed_pairs(self.problem.groups, gains, bound=bound):
             pair = Pair(P=P, Q=Q)
-            S = schur_block(pair, exosystem)
-            if S is not None and is_writable(P, Q, S) and psi_is_negative(self.statements, exosystem, pair):
+            S = consensus.schur_block(pair, exosystem)
+            if S is not None and is_writable(P, Q, S) and consensus.psi_is_negative(self.statements, exosystem, pair):
                 return pair, how
         return None, ""
 
@@ -347,11 +318,9 @@ class _Run:
             P, Q = to_float(pair.P), to_float(pair.Q)
         except DobcError:  # entries too large for floats: the exact side does without
             return Proposal()
-        return Proposal(
-            margin=pair_margin(self.tops, P, Q, exosystem),
-            rate=pair_rate(self.tops, P, Q, exosystem),
-            vectors=directions(self.tops),
-        )
+        margin, rate = (f(self.tops, P, Q, exosystem) for f in (estimates.pair_margin, estimates.pair_rate))
+        slowest_first = sorted(self.tops.values(), key=lambda top: -top.value)
+        return Proposal(margin=margin, rate=rate, vectors=[top.vector.tolist() for top in slowest_first])
 
 
 def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[Check]:
@@ -359,33 +328,16 @@ def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[
     exosystem = group.exosystem
     source = "given" if group.observer.W is not None else "designed"
     estimate = 0.0 if W is None else decay_rate(exosystem, W)
-    return [
-        observability_check(exosystem, problem),
-        detectability_check(exosystem, problem),
-        hurwitz_check(
-            exosystem,
-            W,
-            estimate=estimate,
-            source=source,
-            problem=problem,
-            key="W of the group" if problem is None else "observer.W",
-        ),
-    ]
-
-
-def _in_group(check: Check, group: Group) -> Check:
-    """The check as one of this group; without its fix, which names keys that all agents share."""
-    who = f"Of {name_some(group.agents)}: "
-    return replace(check, group=group.name, fix=None, reason=who + check.reason)
+    key = "W of the group" if problem is None else "observer.W"
+    hurwitz = hurwitz_check(exosystem, W, estimate=estimate, source=source, problem=problem, key=key)
+    return [observability_check(exosystem, problem), detectability_check(exosystem, problem), hurwitz]
 
 
 def _proposed_pairs(
     groups: Sequence[Group], gains: Sequence[Matrix], *, bound: float
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
-    """Pairs to be tried in turn, block diagonal where there are several groups.
-
-    Each group's proposals end with one that must do, which stands in when they are used up.
-    """
+    """Pairs to be tried in turn, block diagonal where there are several groups.  Each group's proposals end with one
+    that must do, which stands in when they are used up."""
     each = [
         propose_pairs(group.exosystem, W, bound=bound, decay=decay_rate(group.exosystem, W))
         for group, W in zip(groups, gains, strict=True)
@@ -397,15 +349,6 @@ def _proposed_pairs(
         if len(known) == len(each):
             words = dict.fromkeys(how for _, _, how in known if how)
             yield block_diagonal([P for P, _, _ in known]), block_diagonal([Q for _, Q, _ in known]), " ".join(words)
-
-
-def _estimates(statements: Statements) -> dict[str, Top]:
-    """Estimates to propose from; none at all if the numerical library breaks down: the exact side then does without."""
-    try:
-        return lambda_tops(statements)
-    except (ArithmeticError, RuntimeError, ValueError) as error:
-        logger.warning("eigenvalue estimate failed: %s", error)
-        return {}
 
 
 def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -> Iterator[str]:
@@ -421,20 +364,17 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
             yield f"{who}The observer gain W was given."
         else:
             yield f"{who}No W was given. {design.note[0].upper()}{design.note[1:]}"
-    if how:
-        yield how
-    if not problem.pinning.agents:
-        yield "No agent is pinned."
-    own = problem.joint_observer
-    if own.W is not None and own.rate is not None:
-        yield "observer.rate is not used, because W was given."
-    if problem.region is None and not problem.is_linear:
-        yield "No region was asked for: the verdict is about the consensus itself, from close enough starts."
-    if len(problem.network.modes) > 1:
-        yield "The modes may switch in any way, so one V has to serve them all."
-    if problem.is_linear:
-        yield "Every coupling is exactly linear: what holds near the target holds everywhere."
-    if problem.exceptions:
-        yield f"{len(problem.exceptions)} arc(s) have a coupling of their own."
-    if problem.offsets:
-        yield "Agents go to the target plus their formation offset; couplings act on x - offset."
+    own, linear = problem.joint_observer, problem.is_linear
+    local = "the verdict is about the consensus itself, from close enough starts."
+    for applies, note in (
+        (how, how),
+        (not problem.pinning.agents, "No agent is pinned."),
+        (own.W is not None and own.rate is not None, "observer.rate is not used, because W was given."),
+        (problem.region is None and not linear, f"No region was asked for: {local}"),
+        (len(problem.network.modes) > 1, "The modes may switch in any way, so one V has to serve them all."),
+        (linear, "Every coupling is exactly linear: what holds near the target holds everywhere."),
+        (problem.exceptions, f"{len(problem.exceptions)} arc(s) have a coupling of their own."),
+        (problem.offsets, "Agents go to the target plus their formation offset; couplings act on x - offset."),
+    ):
+        if applies:
+            yield note

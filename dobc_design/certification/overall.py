@@ -1,9 +1,6 @@
-"""The overall verdict, from the decided checks, by the rules of the contract.
-
-Proved iff a consensus proof covers what is asked.  Refuted iff consensus itself is proved to fail there:
-agents out of reach of every pin in all modes together, an estimation error that reaches the agents and
-does not decay, or an unstable linearisation.  A theorem that does not apply never refutes.
-"""
+"""The overall verdict.  Proved iff a consensus proof covers what is asked.  Refuted iff consensus itself is proved
+to fail there: agents out of reach of every pin in all modes together, an estimation error that reaches the agents
+and does not decay, or an unstable linearisation.  A theorem that does not apply never refutes."""
 
 from __future__ import annotations
 
@@ -20,11 +17,11 @@ from dobc_design.conditions.observer.decide import observable_part_is_hurwitz
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import number_text
 from dobc_design.problem.arrays import unreached_in_union
-from dobc_design.problem.groups import Group
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 MOST = Fraction(10) ** 300  # what a sentence can show of a number
+ALONE = "Without [region] the verdict is about the consensus alone."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,53 +35,38 @@ class Overall:
 
 
 def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> Overall:
-    """Combine decided checks; ``W`` is the gain they are about.
-
-    Of the checks only verdicts, domains, rates and proved instabilities enter, never a text; the rest is
-    exact facts of ``problem``.  A designed W that fails says nothing against the problem.
-    """
+    """Combine checks decided for the gain W.  Of these only verdicts, domains, rates and proved instabilities enter,
+    never a text; the rest is exact facts of ``problem``.  A designed W that fails says nothing against the problem."""
     covering = [check for check in checks if covers(problem, check, checks)]
     if covering:
         best = max(covering, key=lambda check: check.rate or 0.0)
         return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=_proved_reason(problem, best))
-    refuted = _refuted_reason(problem, checks, W)
+    refuted = _apart_reason(problem) or _refuted_reason(problem, checks, W)
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, reason=refuted)
     return Overall(verdict=Verdict.UNDECIDED, reason=_undecided_reason(problem, checks))
 
 
 def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> str | None:
-    apart = _apart_reason(problem)
-    if apart is not None:
-        return apart
     region = problem.region
-    noisy = region is None or (region.initial_disturbance or 0) > 0
-    failing = _failing_groups(problem, W) if noisy else []
-    if failing:
-        whose = f" of the group of agent {failing[0].name}" if problem.is_grouped else ""
-        return (
-            f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the agents."
-            " Choose another W, or leave W out to have one designed."
-        )
-    if region is None or _target_is_interior(problem):
-        for check in checks:
-            roots = unstable_roots_shown(check)
-            if roots:
-                return (
-                    f"Consensus fails: in mode {check.mode} the linearisation at the target is unstable"
-                    f" ({roots} eigenvalue(s) with positive real part)."
-                )
+    for group in problem.groups if region is None or (region.initial_disturbance or 0) > 0 else ():
+        own = group.observer.W if problem.is_grouped or group.observer.W == W else None
+        if own is not None and not observable_part_is_hurwitz(group.exosystem, own):
+            whose = f" of the group of agent {group.name}" if problem.is_grouped else ""
+            return (
+                f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the agents."
+                " Choose another W, or leave W out to have one designed."
+            )
+    refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
+    for check in refuting if region is None or _target_is_interior(problem) else ():
+        if isinstance(check.claim, Unstable) and check.claim.roots:
+            return (
+                f"Consensus fails: in mode {check.mode} the linearisation at the target is unstable"
+                f" ({check.claim.roots} eigenvalue(s) with positive real part)."
+            )
     # Without a region the question is about every neighbourhood of the target, and this one is some way off.
-    resting = [check for check in checks if check.id == "equilibrium" and check.verdict is Verdict.REFUTED]
-    return resting[0].reason if resting and region is not None else None
-
-
-def _failing_groups(problem: Problem, W: Matrix | None) -> list[Group]:
-    """Groups whose own W leaves an estimation error that reaches the agents and does not decay."""
-    given = [(group, group.observer.W) for group in problem.groups]
-    if not problem.is_grouped:
-        given = [(group, own) for group, own in given if own == W]
-    return [g for g, own in given if own is not None and not observable_part_is_hurwitz(g.exosystem, own)]
+    resting = [check.reason for check in refuting if check.id == "equilibrium" and region is not None]
+    return resting[0] if resting else None
 
 
 def _apart_reason(problem: Problem) -> str | None:
@@ -112,11 +94,6 @@ def _apart_reason(problem: Problem) -> str | None:
     return None
 
 
-def unstable_roots_shown(check: Check) -> int:
-    """How many eigenvalues with positive real part a refuted Lemma 1 proves; 0 for every other check."""
-    return check.claim.roots if check.verdict is Verdict.REFUTED and isinstance(check.claim, Unstable) else 0
-
-
 def _start_apart_exists(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> bool:
     """Whether the region allows e_S = t c with one t != 0 and one c of ``free`` (it always does without a region)."""
     if problem.region is None:
@@ -133,13 +110,12 @@ def _start_apart_exists(problem: Problem, group: Sequence[int], free: Sequence[V
 
 def _line_meets(c: Vector, ranges: Sequence[tuple[Fraction, Fraction]]) -> bool:
     """Whether t c lies in the box for some t != 0."""
-    if any(not x and not lo <= 0 <= hi for x, (lo, hi) in zip(c, ranges, strict=True)):
+    pairs = list(zip(c, ranges, strict=True))
+    if any(lo > hi if x else not lo <= 0 <= hi for x, (lo, hi) in pairs):
         return False
-    ends = [sorted((lo / x, hi / x)) for x, (lo, hi) in zip(c, ranges, strict=True) if x and lo <= hi]
-    if len(ends) < sum(1 for x in c if x):
-        return False
+    ends = [sorted((lo / x, hi / x)) for x, (lo, hi) in pairs if x]
     low, high = max(end[0] for end in ends), min(end[1] for end in ends)
-    return low <= high and (low, high) != (Fraction(0), Fraction(0))
+    return low <= high and bool(low or high)
 
 
 def _target_is_interior(problem: Problem) -> bool:
@@ -151,14 +127,9 @@ def _target_is_interior(problem: Problem) -> bool:
 def _proved_reason(problem: Problem, check: Check) -> str:
     switching = " under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
     pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s" if check.rate else ""
-    if check.domain == "global":
-        return f"All agents reach the target from every start{switching}{pace}."
-    if check.domain == "consensus":
-        return (
-            f"All agents reach the target from every start close enough to it{switching}{pace}."
-            " The proof is local: it names no radius."
-        )
-    return f"All agents reach the target from every start asked for{switching}{pace}."
+    which = {"global": "", "consensus": " close enough to it"}.get(str(check.domain), " asked for")
+    local = " The proof is local: it names no radius." if check.domain == "consensus" else ""
+    return f"All agents reach the target from every start{which}{switching}{pace}.{local}"
 
 
 def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
@@ -170,10 +141,7 @@ def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
     if tried[0].verdict is Verdict.REFUTED and not proved:
         signals = " Consensus may still hold for some signals." if len(problem.network.modes) > 1 else ""
         return f"Undecided: {tried[0].reason}{signals} More pinned agents would help."
-    advice = (
-        "What would help: a smaller [region], larger gains or more pinned agents. Without [region] the verdict is about"
-        " the consensus alone."
-    )
+    advice = f"What would help: a smaller [region], larger gains or more pinned agents. {ALONE}"
     if not proved:
         return f"Undecided: no proof reaches the region asked for: {tried[0].reason} {advice}"
     reach = ", ".join(_domain_in_words(check) for check in proved)
@@ -187,10 +155,8 @@ def _domain_in_words(check: Check) -> str:
     if not isinstance(check.domain, Mapping):
         return f"every start ({check.id})"
     error = "|e_i|" if check.domain.get("kind") == "box" else "|e|"
-    bounds = [f"{error} <= {check.domain.get('radius')}"]
-    if check.domain.get("disturbance"):
-        bounds.append(f"|eps_i| <= {check.domain.get('disturbance')}")
-    return f"{' and '.join(bounds)} ({check.id})"
+    noise = check.domain.get("disturbance")
+    return f"{error} <= {check.domain.get('radius')}{f' and |eps_i| <= {noise}' if noise else ''} ({check.id})"
 
 
 def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
@@ -200,19 +166,14 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
             f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
             " Consensus may still hold for signals that leave that mode often enough."
         )
-    if problem.region is not None:
-        reached = _reached(problem, checks)
-        if reached is not None:
-            return reached
+    reached = None if problem.region is None else _reached(problem, checks)
+    if reached is not None:
+        return reached
     local = [c for c in checks if c.kind.is_consensus and c.verdict is Verdict.PROVED and c.domain == "consensus"]
     complete = [c for c in local if c.id != "lemma1"] if problem.groups else local
     if complete and problem.region is not None:
-        return (
-            "Undecided: consensus is proved near the target only, and the region asked for is larger."
-            " Without [region] the verdict is about the consensus alone."
-        )
-    for id in ("detectability", "hurwitz", "theorem2", "theorem1", "lemma1"):
-        for check in checks:
-            if check.id == id and check.verdict is not Verdict.PROVED:
-                return f"Undecided: {check.reason}"
-    return "Undecided: no condition that applies covers what is asked."
+        return f"Undecided: consensus is proved near the target only, and the region asked for is larger. {ALONE}"
+    ids = ("detectability", "hurwitz", "theorem2", "theorem1", "lemma1")
+    unproved = [check for check in checks if check.id in ids and check.verdict is not Verdict.PROVED]
+    first = min(unproved, key=lambda check: ids.index(check.id), default=None)
+    return f"Undecided: {'no condition that applies covers what is asked.' if first is None else first.reason}"

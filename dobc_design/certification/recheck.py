@@ -1,21 +1,13 @@
-"""Every claim of a certificate decided again, from the trusted problem and the certificate's matrices.
-
-Two programs written apart do so: ``recheck`` with the package's own exact arithmetic, and the lone
-checker, the folder ``checker``, which shares no line with it.  A certificate holds if both accept it; that they
-disagree is itself a failure.
-
-Not checked, because no verdict depends on them: the sentences (``reason``), the notes beyond those of the problem, the
-program's version, and the advice (``fix``).  Everything else has to be true.
-"""
+"""Every claim of a certificate decided again, from the trusted problem, by two programs written apart: ``recheck``
+with the package's exact arithmetic, and the lone checker; that they disagree is itself a failure.  Not checked,
+because no verdict depends on them: sentences, notes beyond those of the problem, the program's version, and the
+advice."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
-
-import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.claims import Claims, claim_of
@@ -26,11 +18,10 @@ from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, same_witness
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
-from dobc_design.conditions.consensus.decide import with_vectors
 from dobc_design.conditions.equilibrium import decide as equilibrium
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.observer import decide as observer
-from dobc_design.conditions.quadratic import checks as quadratic
+from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
 from dobc_design.errors import DobcError
@@ -71,15 +62,13 @@ class Recheck(Shown):
         return not self.failures
 
     def _card(self) -> Card:
-        rows = [(title, "confirmed") for title in self.confirmed]
         failed = [(text, "NOT confirmed") for text in self.failures]
-        said = "Every claim holds." if self.holds else f"{len(self.failures)} claim(s) do not hold."
         return Card(
             title="Recheck",
             verdict=self.verdict.value,
-            text=said,
+            text="Every claim holds." if self.holds else f"{len(self.failures)} claim(s) do not hold.",
             heads=("claim", "outcome"),
-            rows=[*failed, *rows],
+            rows=[*failed, *((title, "confirmed") for title in self.confirmed)],
             lines=(f"Lone checker: {self.lone_checker}",),
         )
 
@@ -88,15 +77,12 @@ class Recheck(Shown):
         rows = [f"{head}; verdict {self.verdict.value}."]
         rows += [f"  confirmed: {title}" for title in self.confirmed]
         rows += [f"  NOT confirmed: {text}" for text in self.failures]
-        rows += [f"  lone checker: {self.lone_checker}"]
-        return "\n".join(rows)
+        return "\n".join([*rows, f"  lone checker: {self.lone_checker}"])
 
 
 def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
-    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.
-
-    Raises: CertificateError if the bytes are no certificate.
-    """
+    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.  Raises: CertificateError
+    if the bytes are no certificate."""
     own = recheck(certificate, problem)
     arcs = sum(len(mode) for mode in problem.network.modes.values())
     if arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS:
@@ -112,20 +98,15 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
     said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
-    view = (
-        f"the package accepts, the lone checker refuses ({refusals[0]})"
-        if refusals
-        else ("the package refuses, the lone checker accepts")
-    )
+    own_view, lone_view = ("accepts", f"refuses ({refusals[0]})") if refusals else ("refuses", "accepts")
+    view = f"the package {own_view}, the lone checker {lone_view}"
     disagreement = f"two programs that decide the same claims disagree: {view}. One of them is wrong; please report it."
     return replace(own, failures=(*own.failures, disagreement), lone_checker=said)
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
-    """Confirm the claims one by one, then that the verdict follows from those confirmed.
-
-    Raises: CertificateError if the bytes are no certificate.
-    """
+    """Confirm the claims one by one, then that the verdict follows from those confirmed.  Raises: CertificateError
+    if the bytes are no certificate."""
     claims = read_claims(certificate) if isinstance(certificate, bytes) else certificate
     failures: list[str] = []
     if claims.problem_sha256 != problem_sha256(problem):
@@ -137,7 +118,7 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
     failures += _matrix_failures(claims, problem)
     confirmed: list[Check] = []
     if not failures:
-        trusted = _trusted(claims, problem)
+        trusted = trust(claims, problem)
         for check in claims.checks:
             try:
                 reason = confirm(check, trusted)
@@ -157,9 +138,7 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trusted:
     """What claims are confirmed against: the problem, its conditions, and the matrices the claims use.
-
-    ``separable``: the max-separable check of the same certificate, on which those of delays and sampling rest.
-    """
+    ``separable``: the max-separable check of the same certificate, on which those of delays and sampling rest."""
 
     problem: Problem
     statements: Statements
@@ -168,69 +147,53 @@ class Trusted:
     separable: Check | None = None
 
 
-def _trusted(claims: Claims, problem: Problem) -> Trusted:
+def trust(claims: Claims, problem: Problem) -> Trusted:
+    """What the claims are confirmed against, with the vectors v > 0 that proved checks of Lemma 1 bring."""
     pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
     separable = next((check for check in claims.checks if check.id == "max-separable"), None)
-    statements = state_theorems(problem)
-    vectors = _claimed_vectors(claims.checks, problem)
-    statements = with_vectors(statements, {mode: v for mode, v in vectors.items() if mode in statements.lambdas})
+    statements, vectors = state_theorems(problem), {}
+    for check in claims.checks:
+        exact = check.exact if check.id == "lemma1" and check.verdict is Verdict.PROVED else None
+        if exact is not None and set(exact) == {"v"}:
+            try:
+                vector = doubles_from_json(exact["v"])
+            except (TypeError, ValueError):
+                continue
+            if len(vector) == problem.n * problem.m and check.mode in statements.lambdas:
+                vectors[str(check.mode)] = vector
+    statements = consensus.with_vectors(statements, vectors)
     return Trusted(problem=problem, statements=statements, W=claims.W, pair=pair, separable=separable)
 
 
-def _claimed_vectors(checks: Sequence[Check], problem: Problem) -> dict[str, NDArray[np.float64]]:
-    """The vectors that proved checks of Lemma 1 bring, by mode; what is no vector of n m numbers is left out."""
-    found = {}
-    for check in checks:
-        if check.id == "lemma1" and check.verdict is Verdict.PROVED and check.claim is not None:
-            try:
-                exact = check.exact or {}
-                vector = doubles_from_json(exact["v"]) if set(exact) == {"v"} else np.zeros(0)
-            except (TypeError, ValueError):
-                continue
-            if len(vector) == problem.n * problem.m:
-                found[str(check.mode)] = vector
-    return found
-
-
 def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None], ...]:
-    """The (id, mode, group) of the checks that every complete certificate of this problem holds.
-
-    It may hold regional ones besides.
-    """
-    modes = tuple(problem.network.modes)
+    """The (id, mode, group) of the checks that every complete certificate of this problem holds.  It may hold
+    regional ones besides."""
+    modes, observer_ids = tuple(problem.network.modes), ("observability", "detectability", "hurwitz")
     theorem = "theorem1" if len(modes) == 1 else "theorem2"
-    result: list[tuple[str, str | None, str | None]] = []
-    for group in problem.groups:
-        name = group.name if problem.is_grouped else None
-        result += [(id, None, name) for id in ("observability", "detectability", "hurwitz")]
-    for id in ("reachability", "lemma1"):
-        result += [(id, mode, None) for mode in modes]
-    if problem.groups:
-        if problem.joint_observer.P is not None:
-            result.append((f"{theorem}-printed", None, None))
-        result.append((theorem, None, None))
-    return tuple(result)
+    theorems = [f"{theorem}-printed", theorem] if problem.joint_observer.P is not None else [theorem]
+    names = [group.name if problem.is_grouped else None for group in problem.groups]
+    return (
+        *((id, None, name) for name in names for id in observer_ids),
+        *((id, mode, None) for id in ("reachability", "lemma1") for mode in modes),
+        *((id, None, None) for id in theorems if problem.groups),
+    )
 
 
 def confirm(check: Check, trusted: Trusted) -> str | None:
-    """None if everything the check claims is confirmed, else what is not.
+    """None if everything the check claims is confirmed, else what is not.  Raises what a malformed claim raises.
 
-    Nothing of the claim is believed: matrices are rebuilt from the problem, witnesses are multiplied out, margins and
-    rates are proved as they are written, and exact values have to be the very ones that follow.  A proof may claim less
-    than is true (a smaller margin or rate, "undecided"), never more.  Raises what a malformed claim raises.
+    Nothing is believed: matrices are rebuilt, witnesses multiplied out, margins and rates proved as they are written.
+    A proof may claim less than is true (a smaller margin or rate, "undecided"), never more.
     """
     problem, W, domain = trusted.problem, trusted.W, trusted.statements.domain
     expected = (check.id, check.mode, check.group) in expected_checks(problem)
-    regional = REGIONAL.get(check.kind.topic)
     if not expected and (check.group is not None or check.kind.topic in ("observer", "consensus")):
         return f"{check.title} does not belong to this problem"
     if not expected and (check.mode is not None or check.margin is not None):
         return "a regional check has no mode and no margin"
-    # A proof for a region names its starts; every other domain is known.
-    proves_region = not expected and check.verdict is Verdict.PROVED
     wanted = "global" if check.kind.role == "part" else domain
-    if not proves_region and check.domain != wanted:
-        return f"the domain must be {wanted!r}"
+    if (expected or check.verdict is not Verdict.PROVED) and check.domain != wanted:
+        return f"the domain must be {wanted!r}"  # a proof for a region names its starts; every other domain is known
     if check.verdict is Verdict.UNDECIDED:
         claims = (check.margin, check.rate, check.claim, check.witness)
         return None if all(part is None for part in claims) else "an undecided check must claim nothing"
@@ -238,11 +201,10 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         return observer.confirm(check, problem, W)
     if check.kind.topic == "separable":
         return separable.confirm(check, problem, W, domain=domain, proof=trusted.separable)
-    if regional is not None:
-        return regional(check, problem, W, domain=domain)
-    block = (check.exact or {}).get("block")
+    if check.kind.topic in REGIONAL:
+        return REGIONAL[check.kind.topic](check, problem, W, domain=domain)
     refutes = check.verdict is Verdict.REFUTED and check.id in ("theorem1", "theorem2")
-    if refutes and block in ("detectability", "hurwitz"):
+    if refutes and (check.exact or {}).get("block") in ("detectability", "hurwitz"):
         return _confirm_obstacle(check, trusted)
     return consensus.confirm(check, trusted.statements, trusted.pair)
 
@@ -269,7 +231,7 @@ def _confirm_obstacle(check: Check, trusted: Trusted) -> str | None:
 
 
 def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
-    """W must be the problem's own where it has one, P symmetric, and Q = P W."""
+    """W must be the problem's own where it has one, P symmetric, and Q = P W; of several groups, block diagonal."""
     q, outputs = problem.q, problem.m * max(1, len(problem.groups))
     shapes = {"W": (claims.W, (q, outputs)), "P": (claims.P, (q, q)), "Q": (claims.Q, (q, outputs))}
     failures = [
@@ -283,10 +245,18 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     for name, matrix in (("P", claims.P), ("W", claims.W if own is None else None)):
         if matrix is not None and not is_short(matrix):
             return [f"{name}: its entries need a common denominator of more than {MATRIX_BITS} bits"]
-    if own is not None and own != claims.W:
+    if own not in (None, claims.W):
         failures.append("W: not the gain of the problem")
-    if problem.is_grouped:
-        failures += _block_failures(claims, problem)
+    orders = [group.exosystem.order for group in problem.groups] if problem.is_grouped else []
+    if orders and claims.P is not None and blocks_of(claims.P, [(each, each) for each in orders]) is None:
+        failures.append("P: not block diagonal")
+    if orders and claims.W is not None:
+        blocks = blocks_of(claims.W, [(each, problem.m) for each in orders])
+        given = [group.observer.W for group in problem.groups]
+        if blocks is None:
+            failures.append("W: not block diagonal")
+        elif any(mine is not None and mine != block for mine, block in zip(given, blocks, strict=True)):
+            failures.append("W: not the gains of the problem")
     source = None if claims.W is None else ("designed" if own is None else "given")
     if claims.gain_source != source:
         failures.append("W: its source is not what it says")
@@ -300,33 +270,12 @@ def _matrix_failures(claims: Claims, problem: Problem) -> list[str]:
     return failures
 
 
-def _block_failures(claims: Claims, problem: Problem) -> list[str]:
-    """With several groups W and P must be block diagonal, and the blocks of W the gains that groups have."""
-    orders = [group.exosystem.order for group in problem.groups]
-    failures = []
-    if claims.P is not None and blocks_of(claims.P, [(q, q) for q in orders]) is None:
-        failures.append("P: not block diagonal")
-    if claims.W is None:
-        return failures
-    blocks = blocks_of(claims.W, [(q, problem.m) for q in orders])
-    if blocks is None:
-        return [*failures, "W: not block diagonal"]
-    given = [group.observer.W for group in problem.groups]
-    if any(own is not None and own != block for own, block in zip(given, blocks, strict=True)):
-        failures.append("W: not the gains of the problem")
-    return failures
-
-
 def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Check]) -> list[str]:
     found = [(check.id, check.mode, check.group) for check in claims.checks]
-    expected = expected_checks(problem)
     if len(set(found)) != len(found):
         return ["verdict: a check stands there twice"]
-    missing = [
-        f"{id} ({mode or f'group of {group}'})" if mode or group else id
-        for id, mode, group in expected
-        if (id, mode, group) not in found
-    ]
+    lacking = [each for each in expected_checks(problem) if each not in found]
+    missing = [f"{id} ({mode or f'group of {group}'})" if mode or group else id for id, mode, group in lacking]
     if missing:
         return [f"verdict: the certificate lacks {', '.join(missing)}"]
     failures = []

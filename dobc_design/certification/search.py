@@ -7,13 +7,13 @@ becomes a check of the certificate, unless a proof or a refutation stands there 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Final
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.overall import decide_overall
-from dobc_design.conditions.check import Check
 from dobc_design.falsification.search import RUNS, search_starts
 from dobc_design.falsification.starts import regional_check
 from dobc_design.falsification.suspect import Falsification
@@ -52,46 +52,23 @@ def search_certificate(
     Returns: the searches, and the certificate, which a proved equilibrium inside the region asked for refutes where
     nothing was decided.  A missing region: twice the largest certified box.  Raises: SpecError for a wrong argument.
     """
-    certificate = _with_option(certificate)
+    options = tuple(dict.fromkeys((*certificate.claims.options, "--search")))  # as `dobc certify --search` makes it
+    certificate = replace(certificate, claims=replace(certificate.claims, options=options))
     problem, W = certificate.problem, certificate.claims.W
     if runs is None:
         runs = max(LEAST_RUNS, min(RUNS, MOST_ROWS // (problem.n * problem.m)))
     if problem.groups and W is None:
         return Searched(certificate=certificate, searches=())
-    check = regional_check(certificate)
-    radius = None if problem.region is not None else _reach(certificate)
-    found = [search_starts(problem, runs=runs, seed=seed, radius=radius, gain=W, progress=progress)]
-    if check is not None:
-        found.append(search_starts(problem, runs=runs, seed=seed, certified=check, gain=W, progress=progress))
-    return Searched(certificate=_with_check(certificate, found[0].check), searches=tuple(found))
-
-
-def _reach(certificate: Certificate) -> float | None:
-    """How far is looked without a region: beyond what is proved."""
-    largest = max((claim.box or 0.0 for claim in certificate.regions.claims), default=0.0)
-    return BEYOND * largest or None
-
-
-def _with_option(certificate: Certificate) -> Certificate:
-    """The certificate as `dobc certify --search` makes it."""
-    claims = certificate.claims
-    options = tuple(dict.fromkeys((*claims.options, "--search")))
-    return replace(certificate, claims=replace(claims, options=options))
-
-
-def _with_check(certificate: Certificate, check: Check | None) -> Certificate:
-    """The certificate with a refuting check, where nothing was decided and the check refutes what is asked."""
-    ids = {each.id for each in certificate.checks}
-    if check is None or certificate.verdict is not Verdict.UNDECIDED or check.id in ids:
-        return certificate
-    checks = (*certificate.checks, check)
-    overall = decide_overall(certificate.problem, checks, certificate.claims.W)
-    claims = replace(
-        certificate.claims,
-        checks=checks,
-        verdict=overall.verdict,
-        reason=overall.reason,
-        rate=overall.rate,
-        covered_by=overall.covered_by,
-    )
-    return replace(certificate, claims=claims)
+    check, radius = regional_check(certificate), None
+    if problem.region is None:
+        radius = BEYOND * max((claim.box or 0.0 for claim in certificate.regions.claims), default=0.0) or None
+    search = partial(search_starts, problem, runs=runs, seed=seed, gain=W, progress=progress)
+    found = [search(radius=radius), *([] if check is None else [search(certified=check)])]
+    refuting = found[0].check
+    is_new = refuting is not None and refuting.id not in {each.id for each in certificate.checks}
+    if refuting is not None and is_new and certificate.verdict is Verdict.UNDECIDED:
+        checks = (*certificate.checks, refuting)
+        overall = decide_overall(problem, checks, W)
+        said = {field.name: getattr(overall, field.name) for field in fields(overall)}
+        certificate = replace(certificate, claims=replace(certificate.claims, checks=checks, **said))
+    return Searched(certificate=certificate, searches=tuple(found))

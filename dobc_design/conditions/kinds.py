@@ -19,7 +19,7 @@ Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling"]
 #: By topic: the modules that decide a check, and the file of the second program.
 _DECIDED_IN: Final = {
     "observer": ("conditions/observer/decide.py", "exact/observability.py", "exact/polynomial.py"),
-    "consensus": ("conditions/consensus/decide.py", "conditions/consensus/negative.py", "exact/definite.py"),
+    "consensus": ("conditions/consensus/decide.py", "conditions/consensus/network.py", "exact/definite.py"),
     "separable": ("conditions/separable/decide.py", "conditions/separable/timing.py"),
     "quadratic": ("conditions/quadratic/decide.py",),
     "boxes": ("conditions/boxes/decide.py",),

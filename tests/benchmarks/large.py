@@ -21,8 +21,8 @@ from simulation import cpu
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
-from dobc_design.conditions.consensus.negative import shown_bound
-from dobc_design.conditions.consensus.propose import dominating_vector, float_lambda, vector_at
+from dobc_design.conditions.consensus.network import shown_bound
+from dobc_design.conditions.consensus.propose import _answer_at, _work, dominating_vector, float_lambda
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.separable.decide import coupling_profiles, verify_composite
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
@@ -164,8 +164,8 @@ def _lambda_row(kind: str, n: int) -> str:
     low, high = found.least, float(v @ -(table @ v)) / float(v @ v)
     while high - low > 2e-3 * low:  # where 1 % is, which is not counted
         middle = (low + high) / 2
-        low, high = (middle, high) if vector_at(table, shift=middle).least > 0 else (low, middle)
-    sides = [vector_at(table, shift=shift) for shift in (0.99 * low, 1.01 * high)]
+        low, high = (middle, high) if _answer_at(_work(table), middle).least > 0 else (low, middle)
+    sides = [_answer_at(_work(table), shift) for shift in (0.99 * low, 1.01 * high)]
     if not (sides[0].least > 0 > sides[1].least):
         raise RuntimeError(f"{kind}, n = {n}: not decided at 1 %")
     return (

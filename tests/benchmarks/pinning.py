@@ -12,9 +12,13 @@ import numpy as np
 from simulation import cpu
 
 import dobc_design as dd
-from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
-from dobc_design.conditions.consensus.pinning_program import solve_program
-from dobc_design.conditions.consensus.pinning_shared import solve_shared
+from dobc_design.conditions.consensus.pinning import (
+    for_rate,
+    network_blocks,
+    smallest_gains,
+    solve_program,
+    solve_shared,
+)
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
@@ -70,8 +74,7 @@ def _shared_bar() -> dict[str, Any]:
     costs = np.ones(n)
 
     def by_program() -> float:
-        found = solve_program(blocks.tables, np.flatnonzero(chosen), costs, width=1, scale=blocks.scale)
-        return float(found.gains.sum())
+        return float(solve_program(blocks, np.flatnonzero(chosen), costs).gains.sum())
 
     def by_dual() -> float:
         return float(solve_shared(blocks.tables, chosen, costs).gains.sum())

@@ -1,13 +1,15 @@
-"""Lemma 1 and the theorems where agents have different exosystems: known answers, and the whole Psi by SymPy."""
+"""Lemma 1 and the theorems where agents have different exosystems: known answers, and the whole Psi."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import pytest
-import sympy as sp
+from exact_oracle import negative_definite
 from groups_oracle import GroupsOracle
+from linked import linked
 
 from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import expected_checks
@@ -20,28 +22,25 @@ from dobc_design.exact.matrix import multiply, scale
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, block_diagonal
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 OSCILLATOR, CONSTANT = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), Exosystem(A=[[0]], C=[[1]])
 PRINTED = Observer(W=[["16/5"], ["12/5"]], P=[["1/2", "-1/4"], ["-1/4", "1/3"]])  # S = 9/8
 HALF = Observer(W=[[2]], P=[["1/2"]])  # Omega0 = -2 P W = -2, S = 1/2
-ALONE = Network.from_arcs([], arrow="listens_to", agents=2)
+
+
+def grouped(arcs: object, *systems: tuple[Exosystem, Observer], **given: Any) -> Problem:
+    """One exosystem and observer for each of the agents 1, 2, ..."""
+    parts = enumerate(systems, start=1)
+    groups = [Group(agents=[i], exosystem=exosystem, observer=observer) for i, (exosystem, observer) in parts]
+    return linked(arcs, len(groups), **{"gains": 1, "groups": groups} | given)
 
 
 def two(first: object, second: object, *, swapped: bool = False) -> Problem:
     """Two agents that hear nobody, Lambda = diag(-2 k1, -2 k2)."""
     pairs = [(OSCILLATOR, PRINTED), (CONSTANT, HALF)]
-    return Problem(
-        network=ALONE,
-        coupling="y",
-        gains={1: first, 2: second},
-        groups=[
-            Group(agents=[agent], exosystem=exosystem, observer=observer)
-            for agent, (exosystem, observer) in zip("12", pairs[::-1] if swapped else pairs, strict=True)
-        ],
-    )
+    return grouped([], *(pairs[::-1] if swapped else pairs), gains={1: first, 2: second})
 
 
 @pytest.mark.parametrize(
@@ -65,69 +64,31 @@ def test_the_printed_p_of_every_group_has_to_suit_the_gains_of_its_own_agents(fi
 
 def test_s_of_all_groups_stands_in_the_certificate_side_by_side():
     exact = certify(two(1, 1)).check("theorem1-printed").exact
-    assert exact is not None
     assert exact["S"] == [["9/8", "0"], ["0", "1/2"]]
     assert "bound" not in exact
-    same = Problem(
-        network=ALONE,
-        coupling="y",
-        gains=1,
-        groups=[
-            Group(agents=[i], exosystem=Exosystem(A=[[-i]], C=[[1]]), observer=Observer(W=[[1]], P=[[p]]))
-            for i, p in ((1, "1/2"), (2, "1/3"))
-        ],
-    )
-    exact = certify(same).check("theorem1-printed").exact  # S = 1/(2 (i + 1) p) = 1/2 for both
-    assert exact is not None
+    systems = [(Exosystem(A=[[-i]], C=[[1]]), Observer(W=[[1]], P=[[p]])) for i, p in ((1, "1/2"), (2, "1/3"))]
+    exact = certify(grouped([], *systems)).check("theorem1-printed").exact  # S = 1/(2 (i + 1) p) = 1/2 for both
     assert exact["bound"] == "-1/2"
 
 
-def whole_psi(problem: Problem, pair: Pair, *, rate: Fraction) -> sp.Matrix:
-    """(18) by SymPy: one column of blocks per agent, straight from the groups."""
-    n, own = problem.n, {label: group for group in problem.groups for label in group.agents}
-    starts, row = {}, 0
-    for group in problem.groups:
-        starts[group.name], row = row, row + group.exosystem.order
-    lambda_ = sp.Matrix(GroupsOracle(problem).lambda_("G")) + 2 * rational(rate) * sp.eye(n * problem.m)
-    borders, corners = [], []
-    for label in problem.network.labels:
-        group = own[label]
-        q, at, g = group.exosystem.order, starts[group.name], problem.groups.index(group)
-        A, C = (
-            sp.Matrix(q if M is group.exosystem.A else problem.m, q, lambda i, j, M=M: rational(M[i][j]))
-            for M in (group.exosystem.A, group.exosystem.C)
-        )
-        P = sp.Matrix(q, q, lambda i, j, at=at: rational(pair.P[at + i][at + j]))
-        Q = sp.Matrix(q, problem.m, lambda i, j, at=at, g=g: rational(pair.Q[at + i][g * problem.m + j]))
-        borders.append(C)
-        corners.append(P * A + A.T * P - Q * C - C.T * Q.T + 2 * rational(rate) * P)
-    border = sp.diag(*borders)
-    return sp.Matrix(sp.BlockMatrix([[lambda_, border], [border.T, sp.diag(*corners)]]))
-
-
-def rational(x: Fraction) -> sp.Rational:
-    return sp.Rational(x.numerator, x.denominator)
+def whole_psi(problem: Problem, pair: Pair, *, rate: Fraction) -> list[list[Fraction]]:
+    """(18), written out entry by entry from the agents' lists in problem.json."""
+    P, Q = ([list(row) for row in M] for M in (pair.P, pair.Q))
+    return GroupsOracle(problem).psi("G", P, Q, margin=Fraction(0), rate=rate)
 
 
 @pytest.mark.parametrize("rate", [Fraction(0), Fraction(1, 20)])
 def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
     """A directed cycle of three with two groups; the pair crosses the boundary as it is scaled up."""
-    problem = Problem(
-        network=Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to"),
-        coupling="y",
-        gains={1: 1, 2: "1/3"},
-        groups=[
-            Group(agents=[1, 3], exosystem=OSCILLATOR, observer=Observer(W=PRINTED.W)),
-            Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=HALF.W)),
-        ],
-    )
-    P = block_diagonal([PRINTED.P or (), HALF.P or ()])
+    outer = Group(agents=[1, 3], exosystem=OSCILLATOR, observer=Observer(W=PRINTED.W))
+    inner = Group(agents=[2], exosystem=CONSTANT, observer=Observer(W=HALF.W))
+    problem = linked([[1, 2], [2, 3], [3, 1]], gains={1: 1, 2: "1/3"}, groups=[outer, inner])
+    P = block_diagonal([PRINTED.P, HALF.P])
     Q = block_diagonal([((Fraction(1),), (Fraction(0),)), ((Fraction(1),),)])
     exosystem, statements, outcomes = problem.joint_exosystem, state_theorems(problem), []
-    assert exosystem is not None
     for factor in (1, 2, 4, 8, 16, 64):
         pair = Pair(P=scale(Fraction(factor), P), Q=scale(Fraction(factor), Q))
-        outcomes.append((-whole_psi(problem, pair, rate=rate)).is_positive_definite)
+        outcomes.append(negative_definite(whole_psi(problem, pair, rate=rate)))
         assert psi_is_negative(statements, exosystem, pair, rate=rate) is outcomes[-1]
     assert outcomes == sorted(outcomes)
     assert set(outcomes) == {True, False}
@@ -139,12 +100,9 @@ def test_psi_of_groups_as_a_pencil_is_the_whole_matrix():
     values = {"P[1]": HALF.P, "Q[1]": ((Fraction(1),),), "P[2]": PRINTED.P, "Q[2]": ((Fraction(1),), (Fraction(0),))}
     P = block_diagonal([HALF.P or (), PRINTED.P or ()])
     Q = block_diagonal([((Fraction(1),),), ((Fraction(1),), (Fraction(0),))])
-    own = sp.Matrix(pencil.size, pencil.size, lambda i, j: 0)
-    for (i, j), x in pencil.at({name: value or () for name, value in values.items()}).entries.items():
-        own[i, j] = own[j, i] = rational(x)
-    lambda_ = GroupsOracle(problem).lambda_("G")
-    assert lambda_ == [[-2, 0], [0, -2]]
-    assert own == whole_psi(problem, Pair(P=P, Q=Q), rate=Fraction(1, 3))
+    own = pencil.at({name: value or () for name, value in values.items()}).to_dense()
+    assert GroupsOracle(problem).lambda_("G") == [[-2, 0], [0, -2]]
+    assert [list(row) for row in own] == whole_psi(problem, Pair(P=P, Q=Q), rate=Fraction(1, 3))
 
 
 def test_each_group_has_checks_of_its_own_and_the_slowest_gives_the_rate():
@@ -157,20 +115,11 @@ def test_each_group_has_checks_of_its_own_and_the_slowest_gives_the_rate():
     rates = {check.group: check.rate for check in certificate.checks if check.id == "hurwitz"}
     assert rates["1"] == pytest.approx(1.6, rel=1e-3)
     assert rates["2"] == pytest.approx(2, rel=1e-3)
-    assert certificate.rate is not None
     assert certificate.rate < 1.6
 
 
 def hidden(A: object, C: object, observer: Observer) -> Problem:
-    return Problem(
-        network=ALONE,
-        coupling="y",
-        gains=1,
-        groups=[
-            Group(agents=[1], exosystem=CONSTANT, observer=Observer(W=[[2]])),
-            Group(agents=[2], exosystem=Exosystem(A=A, C=C), observer=observer),
-        ],
-    )
+    return grouped([], (CONSTANT, Observer(W=[[2]])), (Exosystem(A=A, C=C), observer))
 
 
 def test_a_group_with_an_undetectable_exosystem_refutes_the_theorem_and_leaves_the_rest_open():
@@ -198,14 +147,11 @@ def test_an_unstable_gain_of_one_group_refutes_consensus_where_its_error_reaches
     unseen = hidden([[1]], [[0]], Observer(W=[[-1]]))  # A - WC = 1, but C sees nothing of it
     assert certify(unseen).verdict is Verdict.UNDECIDED
     assert verify(certify(unseen), unseen).holds
-
-
-def test_one_group_may_bring_its_gain_and_another_have_it_designed():
+    # one group may bring its gain and another have it designed
     problem = hidden([[0, 1], [0, 0]], [[1, 0]], Observer())
     certificate = certify(problem)
     assert certificate.verdict is Verdict.PROVED
     assert certificate.claims.gain_source == "designed"
-    assert certificate.claims.W is not None
     assert certificate.claims.W[0] == (2, 0)
     assert any("Group of agent 2 (agent 2): No W was given." in note for note in certificate.claims.notes)
 
@@ -223,24 +169,16 @@ def test_a_region_is_proved_with_the_observers_of_all_groups():
     """Max-separable; its twin has kappa = 1/(beta min v), with which the observer error could raise V."""
 
     def region(disturbance: object) -> Problem:
-        return Problem(
-            network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
-            coupling="exp(y) - 1 + y",
-            gains=2,
-            groups=[
-                Group(agents=[1], exosystem=CONSTANT, observer=Observer(W=[[3]])),
-                Group(agents=[2], exosystem=OSCILLATOR, observer=Observer(W=PRINTED.W)),
-            ],
-            region={"initial_states": [-1, 1], "initial_disturbance": disturbance},
-        )
+        systems = (CONSTANT, Observer(W=[[3]])), (OSCILLATOR, Observer(W=PRINTED.W))
+        region = {"initial_states": [-1, 1], "initial_disturbance": disturbance}
+        return grouped([[1, 2], [2, 1]], *systems, coupling="exp(y) - 1 + y", gains=2, region=region)
 
     problem = region("0.5")
     certificate = certify(problem)
     assert certificate.covered_by == "max-separable"
     assert verify(certificate, problem).holds
-    claim = dict(certificate.check("max-separable").exact or {})
-    least = min(Fraction(x) for x in claim["v"])
-    kappa = str(1 / (Fraction(claim["beta"]) * least))
+    claim = dict(certificate.check("max-separable").exact)
+    kappa = str(1 / (Fraction(claim["beta"]) * min(map(Fraction, claim["v"]))))
     weaker = replace(certificate.check("max-separable"), claim=Values(claim | {"kappa": kappa}))
     checks = tuple(weaker if check.id == weaker.id else check for check in certificate.checks)
     assert not verify(replace(certificate.claims, checks=checks), problem).holds
@@ -252,16 +190,8 @@ def test_a_quadratic_certificate_takes_s_of_every_agents_own_group():
     for swapped, verdict in ((False, Verdict.PROVED), (True, Verdict.REFUTED)):
         problem = two("0.5626", "0.2501", swapped=swapped)
         own = block_diagonal([HALF.P, PRINTED.P]) if swapped else P
-        lure = Lure(
-            P_e=SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)}),
-            ranges=(),
-            radius=None,
-            level=None,
-            multipliers={"G": ()},
-            rate=Fraction(0),
-            P=own,
-            Q=multiply(own, problem.joint_observer.W),
-        )
+        one, Q = SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)}), multiply(own, problem.joint_observer.W)
+        lure = Lure(P_e=one, ranges=(), radius=None, level=None, multipliers={"G": ()}, P=own, Q=Q)
         assert verify_lure(problem, lure).verdict is verdict
     certificate = certify(two(1, 1), everything=True)
     assert certificate.check("lure").verdict is Verdict.PROVED

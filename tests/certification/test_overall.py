@@ -6,6 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from linked import linked
 from regions import at_the_consensus
 
 from dobc_design.certification.certify import certify, verify
@@ -15,8 +16,6 @@ from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -25,9 +24,7 @@ CONSTANT = Exosystem(A=[[0]], C=[[1]])
 
 
 def problem(arcs=PAIR, h="y", gains=1, **more):
-    lists = arcs.values() if isinstance(arcs, dict) else [arcs]
-    agents = sorted({agent for pairs in lists for arc in pairs for agent in arc[:2]})
-    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=agents), coupling=h, gains=gains, **more)
+    return linked(arcs, coupling=h, gains=gains, **more)
 
 
 def verdict(*args, **more):
@@ -47,16 +44,10 @@ def region(lo, hi, disturbance=None):
     return {"initial_states": [lo, hi]} | ({} if disturbance is None else {"initial_disturbance": disturbance})
 
 
-# proved
-
-
 def test_lemma_1_takes_the_place_of_theorem_1_without_an_exosystem():
     certificate = certify(problem())
     assert (certificate.verdict, certificate.covered_by) == (PROVED, "lemma1")
-
-
-def test_with_an_exosystem_lemma_1_alone_proves_nothing():
-    """W given and bad: Lemma 1 holds, consensus does not."""
+    # with one it proves nothing alone: W given and bad
     certificate = certify(problem(exosystem=CONSTANT, observer=Observer(W=[[-1]])))
     assert certificate.check("lemma1").verdict is PROVED
     assert certificate.verdict is REFUTED
@@ -81,13 +72,10 @@ def test_a_local_proof_never_covers_a_region():
 
 
 def test_a_global_proof_covers_every_region():
-    """Exactly linear couplings: J does not depend on e."""
+    """Exactly linear couplings: J does not depend on e.  One nonlinear exception makes the proof local."""
     assert verdict(region=region(-(10**9), 10**9)) is PROVED
     assert verdict(h="y*exp(1)", region=region(0, 5)) is PROVED
     assert verdict(exosystem=CONSTANT, region=region(0, 5, 100)) is PROVED
-
-
-def test_one_nonlinear_exception_makes_the_proof_local():
     assert verdict(exceptions={(0, 1): "sin(y)"}) is PROVED
     assert near(exceptions={(0, 1): "sin(y)"}, region=region(0, 1)) is UNDECIDED
 
@@ -125,35 +113,31 @@ def test_a_radius_that_is_a_decimal_is_read_as_its_text():
     asked = problem(h="tanh(y)", region=region(0, "1/10"))
     assert covers(asked, made_up({"kind": "box", "radius": 0.1}), [])
     assert not covers(asked, made_up({"kind": "box", "radius": 0.09999999999999999}), [])
-
-
-def test_formation_offsets_enlarge_the_radius_that_is_asked_for():
+    # formation offsets enlarge the radius that is asked for
     asked = problem(h="tanh(y)", target=1, offsets={2: -3}, region=region(0, 5))
     assert asked_radius(asked) == (Fraction(7),)
-
-
-# refuted (a): agents that no pin reaches in the union of the modes
 
 
 def test_agents_out_of_reach_in_all_modes_refute():
     assert verdict(gains=None) is REFUTED
     assert verdict([[1, 2], [2, 1], [3, 4], [4, 3]], gains={1: 1}) is REFUTED
     assert verdict([[1, 2], [2, 1], [3, 4], [4, 3]], gains={1: 1, 4: 1}) is PROVED
+    assert verdict(h="clip(y, -1, 1)", gains=None) is REFUTED  # h(0) = 0 is enough: together they stay
+    assert verdict(h="clip(y, -1, 1)", gains={1: 1}) is UNDECIDED
 
 
 def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
     """Mode a: 3 hears 2; mode b: 2 hears the pinned 1. In alternation they converge."""
     modes = {"a": [[3, 2]], "b": [[2, 1]]}
-    certificate = certify(problem(modes, gains={1: 1}))
+    asked = problem(modes, gains={1: 1})
+    certificate = certify(asked)
     assert certificate.verdict is UNDECIDED
+    silent = [replace(check, reason="") for check in certificate.checks]  # texts never decide
+    assert decide_overall(asked, silent, None).verdict is UNDECIDED
     assert certificate.check("reachability", "a").verdict is certificate.check("reachability", "b").verdict is REFUTED
     assert verdict({"a": [[3, 2]]}, gains={3: 1}) is REFUTED  # 2 is heard, but hears nobody
-
-
-def test_one_agent_alone_is_held_by_its_own_pin_only():
-    network = Network.from_arcs([], arrow="listens_to", agents=1)
-    assert certify(Problem(network=network, coupling="y", gains=1)).verdict is PROVED
-    assert certify(Problem(network=network, coupling="y")).verdict is REFUTED
+    assert certify(linked([], 1, gains=1)).verdict is PROVED
+    assert certify(linked([], 1)).verdict is REFUTED
 
 
 def test_agents_out_of_reach_refute_a_region_only_if_it_lets_them_start_apart():
@@ -166,22 +150,10 @@ def test_agents_out_of_reach_refute_a_region_only_if_it_lets_them_start_apart():
     assert verdict(gains=None, offsets={2: "1/2"}, region=region(0, 1)) is REFUTED
 
 
-def test_kinks_do_not_matter_for_agents_out_of_reach():
-    """h(0) = 0 is enough: together they stay where they are."""
-    assert verdict(h="clip(y, -1, 1)", gains=None) is REFUTED
-    assert verdict(h="clip(y, -1, 1)", gains={1: 1}) is UNDECIDED
-
-
-# refuted (b): the error that reaches the agents does not decay
-
-
-@pytest.mark.parametrize(("w", "answer"), [(-1, REFUTED), (0, REFUTED), (1, PROVED)])
-def test_a_given_gain_with_an_error_that_does_not_decay_refutes(w, answer):
-    assert verdict(exosystem=CONSTANT, observer=Observer(W=[[w]])) is answer
-
-
-def test_only_the_part_of_the_error_that_reaches_the_agents_counts():
+def test_a_given_gain_with_an_error_that_reaches_the_agents_and_does_not_decay_refutes():
     """The second state is hidden from C and grows; with W = (1, 0) the visible error decays."""
+    for w, answer in ((-1, REFUTED), (0, REFUTED), (1, PROVED)):
+        assert verdict(exosystem=CONSTANT, observer=Observer(W=[[w]])) is answer
     exosystem = Exosystem(A=[[0, 0], [0, 1]], C=[[1, 0]])
     good, bad = Observer(W=[[1], [0]]), Observer(W=[[-1], [0]])
     assert verdict(exosystem=exosystem, observer=good) is UNDECIDED
@@ -197,17 +169,10 @@ def test_an_error_that_starts_at_zero_refutes_nothing():
 
 def test_a_designed_gain_that_fails_says_nothing_against_the_problem():
     """Only the W of the problem refutes: another one can be designed."""
-    free = problem(h="abs(y)", exosystem=CONSTANT)
     bad = ((Fraction(-1),),)
-    assert decide_overall(free, [], bad).verdict is UNDECIDED
-    assert decide_overall(replace_observer(free, [[-1]]), [], bad).verdict is REFUTED
-
-
-def replace_observer(free, W):
-    return problem(h="abs(y)", exosystem=free.exosystem, observer=Observer(W=W))
-
-
-# refuted (c): the linearisation is unstable in one of the modes
+    assert decide_overall(problem(h="abs(y)", exosystem=CONSTANT), [], bad).verdict is UNDECIDED
+    given = problem(h="abs(y)", exosystem=CONSTANT, observer=Observer(W=[[-1]]))
+    assert decide_overall(given, [], bad).verdict is REFUTED
 
 
 def test_an_unstable_linearisation_refutes_and_enough_pinning_cures_it():
@@ -216,37 +181,24 @@ def test_an_unstable_linearisation_refutes_and_enough_pinning_cures_it():
     assert verdict(h="-y", gains=2) is UNDECIDED  # eigenvalue 0: neither
     assert verdict(h="-y", gains=3) is PROVED
     assert verdict(h="-sin(y)", gains="1/2") is REFUTED
-
-
-def test_one_unstable_mode_among_several_is_enough():
-    """All the time in it is allowed."""
-    network = Network.from_arcs({"good": [], "bad": PAIR, "other": [[1, 2]]}, arrow="listens_to", agents=2)
-    assert certify(Problem(network=network, coupling="-y", gains="1/2")).verdict is REFUTED
-    twin = Network.from_arcs({"good": [], "other": []}, arrow="listens_to", agents=2)
-    assert certify(Problem(network=twin, coupling="-y", gains="1/2")).verdict is PROVED
-
-
-def test_instability_is_about_starts_near_the_target():
+    # one mode among several is enough: all the time in it is allowed
+    modes = {"good": [], "bad": PAIR, "other": [[1, 2]]}
+    assert certify(linked(modes, coupling="-y", gains="1/2")).verdict is REFUTED
+    assert certify(linked({"good": [], "other": []}, 2, coupling="-y", gains="1/2")).verdict is PROVED
+    # it is about starts near the target
     assert verdict(h="-y", gains="1/2", region=region(-1, 1)) is REFUTED
     assert verdict(h="-y", gains="1/2", region=region(1, 2)) is UNDECIDED
-
-
-def test_rotating_couplings_are_seen_as_unstable_where_they_are():
-    """m = 2, slopes that turn: J - K = -(L (x) R) - K with complex eigenvalues."""
-    turning = ["y2", "-y1"]
-    arcs = [[1, 2], [2, 3], [3, 1]]
-    assert verdict(arcs, turning, gains="1/10", target=[0, 0]) is REFUTED
-    assert verdict(arcs, turning, gains=5, target=[0, 0]) is PROVED
+    # slopes that turn: J - K = -(L (x) R) - K with complex eigenvalues
+    for gains, answer in (("1/10", REFUTED), (5, PROVED)):
+        assert verdict([[1, 2], [2, 3], [3, 1]], ["y2", "-y1"], gains=gains, target=[0, 0]) is answer
 
 
 @pytest.mark.parametrize("kind", [PROVED, UNDECIDED])
 def test_instability_is_believed_of_a_refuted_lemma_only(kind):
     """A certificate that says "unstable_roots" anywhere else must not turn the verdict."""
     asked = problem(h="tanh(y)", region=region(-1, 1))
-    checks = [
-        replace(c, claim=Unstable(roots=1), verdict=kind) if c.id == "lemma1" else c
-        for c in at_the_consensus(certify(asked).checks)
-    ]
+    bent = {"claim": Unstable(roots=1), "verdict": kind}
+    checks = [replace(c, **bent) if c.id == "lemma1" else c for c in at_the_consensus(certify(asked).checks)]
     assert decide_overall(asked, checks, None).verdict is UNDECIDED
 
 
@@ -256,18 +208,8 @@ def test_a_gain_that_leaves_a_direction_free_refutes_and_a_skew_one_does_not():
         assert verdict(gains={1: gain}, target=[0, 0]) is REFUTED
     assert verdict(gains={1: [[1, 0], [0, 0]], 2: [[0, 0], [0, 1]]}, target=[0, 0]) is not REFUTED
     assert verdict(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is UNDECIDED
-
-
-def test_a_free_direction_refutes_a_region_only_if_it_can_be_started_along():
+    # a region only if it can be started along
     free = {1: [[1, 0], [0, 0]]}
     assert verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [-1, 1]]}) is REFUTED
     assert verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [0, 0]]}) is not REFUTED
     assert verdict(gains={1: [[1, 1], [-1, 1]], 2: 1}, target=[0, 0]) is PROVED
-
-
-def test_texts_never_decide():
-    """Reasons are for people: empty ones change nothing and break nothing."""
-    modes = {"a": [[3, 2]], "b": [[2, 1]]}
-    asked = problem(modes, gains={1: 1})
-    silent = [replace(check, reason="") for check in certify(asked).checks]
-    assert decide_overall(asked, silent, None).verdict is UNDECIDED

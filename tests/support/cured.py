@@ -9,9 +9,11 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import networkx as nx
 import numpy as np
 from campaigns import Tally, a_problem, closed_loop
 from exact_oracle import Oracle, form
+from linked import linked
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
@@ -19,7 +21,6 @@ from dobc_design.conditions.check import main_fix
 from dobc_design.problem.changes import changed_file, problem_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import read_problem_text
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -52,9 +53,8 @@ def cure_campaign(seeds: Iterable[int]) -> Tally:
         refuted = [c for c in main if c.verdict is Verdict.REFUTED]
         for check in refuted:
             tally.counts[f"{check.id} refuted"] += 1
-            tally.wrong += [f"{seed}: {check.title}: {what}" for what in _false_witness(check, oracle)]
-            if check.fix is None:
-                tally.wrong.append(f"{seed}: {check.title}: no cure")
+            missing = ["no cure"] if check.fix is None else []
+            tally.wrong += [f"{seed}: {check.title}: {what}" for what in (*_false_witness(check, oracle), *missing)]
         fix = main_fix(certificate.checks)
         if refuted and fix is not None:
             tally.counts[f"cured by {fix.kind}"] += 1
@@ -90,7 +90,9 @@ def decided_campaign(seeds: Iterable[int]) -> Tally:
         certificate, oracle = certify(problem), Oracle(problem)
         if not oracle.smooth:
             continue
-        tops = {mode: _top(np.array(oracle.lambda_(mode), dtype=float)) for mode in oracle.modes}
+        tops = {
+            mode: float(np.linalg.eigvalsh(np.array(oracle.lambda_(mode), dtype=float))[-1]) for mode in oracle.modes
+        }
         for mode, top in tops.items():
             _count(tally, "lemma1", certificate.check("lemma1", mode).verdict, -top, seed)
         own = [c for c in certificate.checks if c.id in ("theorem1", "theorem2")]
@@ -119,37 +121,20 @@ def undirected_campaign(seeds: Iterable[int]) -> Tally:
         arcs = [[i + 1, j + 1, weights[max(i, j), min(i, j)]] for a, b in pairs for i, j in ((a, b), (b, a))]
         gains = {i + 1: Fraction(r.randint(1, 9), 2) for i in range(n) if r.random() < 0.5}
         exosystem = r.choice((None, Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])))
-        problem = Problem(
-            network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
-            gains=gains,
-            exosystem=exosystem,
-            coupling=r.choice(("y", "tanh(y)", "y + y**3")),
-        )
-        held = _every_component_pinned(n, pairs, {i - 1 for i in gains})
+        problem = linked(arcs, n, gains=gains, exosystem=exosystem, coupling=r.choice(("y", "tanh(y)", "y + y**3")))
+        graph = nx.empty_graph(n)
+        graph.add_edges_from(pairs)
+        held = all(any(i + 1 in gains for i in part) for part in nx.connected_components(graph))
         _count(tally, "undirected", certify(problem).verdict, 1.0 if held else -1.0, seed)
     return tally
 
 
-def _every_component_pinned(n: int, pairs: list[tuple[int, int]], pins: set[int]) -> bool:
-    name = list(range(n))
-    for _ in range(n):
-        for i, j in pairs:
-            name[i] = name[j] = min(name[i], name[j])
-    return {name[i] for i in pins} == set(name)
-
-
-def _top(matrix: np.ndarray) -> float:
-    return float(np.linalg.eigvalsh(matrix)[-1])
-
-
 def _detectable(problem: Problem) -> float:
     """> 0 iff every eigenvalue s of A with Re s >= 0 is seen: the least singular value of [A - s I; C]; near 0: 0."""
-    assert problem.exosystem is not None
     A, C = (np.array(M, dtype=float) for M in (problem.exosystem.A, problem.exosystem.C))
-    worst = 1.0
-    for s in np.linalg.eigvals(A):
-        if s.real > -1e-6:
-            worst = min(worst, float(np.linalg.svd(np.vstack([A - s * np.eye(len(A)), C]))[1][-1]))
+    lasting = [s for s in np.linalg.eigvals(A) if s.real > -1e-6]
+    least = [float(np.linalg.svd(np.vstack([A - s * np.eye(len(A)), C]))[1][-1]) for s in lasting]
+    worst = min(least, default=1.0)
     return worst if worst > 1e-5 else -worst if worst < 1e-9 else 0.0
 
 

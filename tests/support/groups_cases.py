@@ -9,6 +9,8 @@ from typing import Any
 
 import sympy as sp
 from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, Document, about, bend, network, scalar
+from linked import linked
+from quadratic_cases import quadratic
 from region_cases import claim
 
 from dobc_design.certificate.text import certificate_bytes
@@ -19,12 +21,11 @@ from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.problem import Problem
 
 RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
-SLOW = Observer(W=[[1]])
+SLOW, GROWING = Observer(W=[[1]]), Observer(W=[[-1]])
 
 
 def _pair(first: Group, second: Group, **more: Any) -> Problem:
-    given = {"network": network(), "coupling": "y", "gains": 1} | more
-    return Problem(groups=[first, second], **given)
+    return Problem(**{"network": network(), "coupling": "y", "gains": 1, "groups": [first, second]} | more)
 
 
 def _one(agent: int, exosystem: Exosystem, observer: Observer | None = None) -> Group:
@@ -34,57 +35,31 @@ def _one(agent: int, exosystem: Exosystem, observer: Observer | None = None) -> 
 @cache
 def problems() -> dict[str, Problem]:
     """One for every rule about groups."""
-    given = _one(1, scalar(0), Observer(W=[[2]]))
+    given, slow, bad = _one(1, scalar(0), Observer(W=[[2]])), _one(2, scalar(-1), SLOW), _one(2, scalar(0), GROWING)
+    printed = _one(1, scalar(0), Observer(W=[[2]], P=[[1]]))
+    pairs = {"printed": 1, "small P": "1/100", "negative P": -1}
+    calm, noisy = ({"initial_states": [-1, 1], "initial_disturbance": s} for s in (0, "1/10"))
+    line, turned = Exosystem(A=[[0]], C=[[1], [2]]), Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0], [0, 1]])
+    three = [Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]])), _one(3, scalar(-1), SLOW)]
     return {
-        "given": _pair(given, _one(2, scalar(-1), SLOW)),
+        "given": _pair(given, slow),
         "mixed": _pair(given, _one(2, RAMP)),
-        "printed": _pair(
-            _one(1, scalar(0), Observer(W=[[2]], P=[[1]])), _one(2, scalar(-1), Observer(W=[[1]], P=[[1]]))
-        ),
-        "small P": _pair(
-            _one(1, scalar(0), Observer(W=[[2]], P=[[1]])), _one(2, scalar(-1), Observer(W=[[1]], P=[["1/100"]]))
-        ),
-        "negative P": _pair(
-            _one(1, scalar(0), Observer(W=[[2]], P=[[1]])), _one(2, scalar(-1), Observer(W=[[1]], P=[[-1]]))
-        ),
+        **{name: _pair(printed, _one(2, scalar(-1), Observer(W=[[1]], P=[[P]]))) for name, P in pairs.items()},
         "hidden": _pair(given, _one(2, scalar(0, 0))),
-        "bad W": _pair(given, _one(2, scalar(0), Observer(W=[[-1]]))),
-        "bad W, calm": _pair(
-            given,
-            _one(2, scalar(0), Observer(W=[[-1]])),
-            coupling="tanh(y)",
-            region={"initial_states": [-1, 1], "initial_disturbance": 0},
-        ),
-        "bad W beside a designed one": _pair(_one(1, RAMP), _one(2, scalar(0), Observer(W=[[-1]]))),
-        "loose": _pair(given, _one(2, scalar(-1), SLOW), gains=None),
-        "region": _pair(
-            given,
-            _one(2, scalar(-1), SLOW),
-            coupling="tanh(y)",
-            gains=2,
-            region={"initial_states": [-1, 1], "initial_disturbance": "1/10"},
-        ),
-        "plane": _pair(
-            _one(1, Exosystem(A=[[0]], C=[[1], [2]])),
-            _one(2, Exosystem(A=[[0, 0], [0, -1]], C=[[1, 0], [0, 1]])),
-            coupling=["y1 + y2/2", "y2"],
-            gains=2,
-        ),
-        "three": Problem(
-            network=network([[1, 2], [2, 3], [3, 1]]),
-            coupling="y",
-            gains=1,
-            groups=[Group(agents=[1, 2], exosystem=scalar(0), observer=Observer(W=[[2]])), _one(3, scalar(-1), SLOW)],
-        ),
+        "bad W": _pair(given, bad),
+        "bad W, calm": _pair(given, bad, coupling="tanh(y)", region=calm),
+        "bad W beside a designed one": _pair(_one(1, RAMP), bad),
+        "loose": _pair(given, slow, gains=None),
+        "region": _pair(given, slow, coupling="tanh(y)", gains=2, region=noisy),
+        "plane": _pair(_one(1, line), _one(2, turned), coupling=["y1 + y2/2", "y2"], gains=2),
+        "three": linked([[1, 2], [2, 3], [3, 1]], gains=1, groups=three),
     }
 
 
 @cache
 def _originals() -> dict[str, tuple[bytes, bytes]]:
-    return {
-        name: (certificate_bytes(certify(problem).claims), canonical_bytes(problem))
-        for name, problem in problems().items()
-    }
+    every = problems().items()
+    return {name: (certificate_bytes(certify(each).claims), canonical_bytes(each)) for name, each in every}
 
 
 @cache
@@ -112,58 +87,37 @@ def bent(name: str, *changes: tuple[str, str | None, Document], what: str, code:
 
 
 def _bent_claims() -> Iterator[Case]:
-    yield bent("given", ("hurwitz", "2", {"group": "1"}), what="one group twice")
-    yield bent("given", ("hurwitz", "2", {"group": "3"}), what="a group that is not there")
-    yield bent("given", ("lemma1", None, {"group": "1"}), what="a group on Lemma 1")
-    yield bent("given", ("theorem1", None, {"group": "1"}), what="a group on the theorem")
-    yield bent("given", ("hurwitz", "1", {"rate": 2.5}), what="a rate above 2")
-    yield bent("given", ("hurwitz", "1", {"exact": {"routh": ["1", "3"]}}), what="another Routh column")
+    for change, what in (
+        (("hurwitz", "2", {"group": "1"}), "one group twice"),
+        (("hurwitz", "2", {"group": "3"}), "a group that is not there"),
+        (("lemma1", None, {"group": "1"}), "a group on Lemma 1"),
+        (("theorem1", None, {"group": "1"}), "a group on the theorem"),
+        (("hurwitz", "1", {"rate": 2.5}), "a rate above 2"),
+        (("hurwitz", "1", {"exact": {"routh": ["1", "3"]}}), "another Routh column"),
+    ):
+        yield bent("given", change, what=what)
     yield bent("given", ("hurwitz", "1", {"rate": 1.99}), what="a rate below 2", code=HOLDS)
-    one, other = check(document("given"), "hurwitz", "1"), check(document("given"), "hurwitz", "2")
-    yield bent("given", ("hurwitz", "1", {"exact": other["exact"] | {"routh": ["1", "5"]}}), what="W of nobody")
-    assert one["exact"] == other["exact"]
     # Lambda = [[-4, 2], [2, -4]], lambda_max = -2; S = 1/(4 p) and 1/(4 p'): the margin is below 2.
-    yield bent("printed", ("theorem1-printed", None, {"margin": 1.75}), what="the margin 2 - 1/4", code=FAILS)
-    yield bent("printed", ("theorem1-printed", None, {"margin": 1.7499}), what="just below the margin", code=HOLDS)
-    yield bent("region", ("max-separable", None, {"rate": 3}), what="a rate that does not follow")
     # In "small P" S = diag(1/4, 25): the first agent's block alone would do.
-    labels, values = ["1", "2"], ["0", "1"]
-    vector = {"kind": "vector", "labels": ["2"], "values": values}
-    yield bent(
-        "small P", ("theorem1-printed", None, {"witness": vector, "margin": -20}), what="its own agent", code=HOLDS
-    )
-    yield bent("small P", ("theorem1-printed", None, {"witness": vector, "margin": -22}), what="too much")
-    yield bent(
-        "small P", ("theorem1-printed", None, {"witness": vector | {"labels": labels}, "margin": None}), what="labels"
-    )
-    yield bent(
-        "small P", ("theorem1-printed", None, {"witness": vector | {"kind": "agents"}, "margin": None}), what="kind"
-    )
+    vector = {"kind": "vector", "labels": ["2"], "values": ["0", "1"]}
     first = {"kind": "vector", "labels": ["1"], "values": ["1", "0"]}
-    yield bent("small P", ("theorem1-printed", None, {"witness": first, "margin": None}), what="the other agent")
-    yield bent(
-        "negative P", ("theorem1-printed", None, {"witness": {"kind": "vector", "values": ["1", "0"]}}), what="P"
-    )
+    for name, code, values, what in (
+        ("printed", FAILS, {"margin": 1.75}, "the margin 2 - 1/4"),
+        ("printed", HOLDS, {"margin": 1.7499}, "just below the margin"),
+        ("small P", HOLDS, {"witness": vector, "margin": -20}, "its own agent"),
+        ("small P", FAILS, {"witness": vector, "margin": -22}, "too much"),
+        ("small P", FAILS, {"witness": vector | {"labels": ["1", "2"]}, "margin": None}, "labels"),
+        ("small P", FAILS, {"witness": vector | {"kind": "agents"}, "margin": None}, "kind"),
+        ("small P", FAILS, {"witness": first, "margin": None}, "the other agent"),
+        ("negative P", FAILS, {"witness": {"kind": "vector", "values": ["1", "0"]}}, "P"),
+    ):
+        yield bent(name, ("theorem1-printed", None, values), what=what, code=code)
+    yield bent("region", ("max-separable", None, {"rate": 3}), what="a rate that does not follow")
     # At the rate b = 1/10, S = diag(1/38, 1/(3.8 p)) for P = diag(10, p), and [[-4, 2], [2, -4]] + 2 b I + S < 0
     # iff (3.8 - 1/38) (3.8 - 1/(3.8 p)) > 4, that is p > 0.09603: each agent has its own S.
-    lure = claim(
-        "lure",
-        "global",
-        0.1,
-        {
-            "method": "vertices",
-            "P_e": [[0, 0, "1"], [1, 1, "1"]],
-            "level": None,
-            "radius": None,
-            "rate": "1/10",
-            "ranges": [{"coupling": 0, "gains": [[["1", "1"]]]}],
-            "multipliers": {},
-            "P": [["10", "0"], ["0", "10"]],
-        },
-    )
     for p, code in (("0.0961", HOLDS), ("0.0959", FAILS)):
-        copied = document("given")
-        copied["checks"].append(lure | {"exact": lure["exact"] | {"P": [["10", "0"], ["0", p]]}})
+        copied, P = document("given"), [["10", "0"], ["0", p]]
+        copied["checks"].append(claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=P)))
         name = f"groups: a quadratic certificate with p = {p}"
         yield Case(name, json.dumps(copied).encode(), _originals()["given"][1], code)
 
@@ -172,12 +126,14 @@ def _texts(M: sp.Matrix) -> list[list[str]]:
     return [[str(x) for x in M.row(i)] for i in range(M.rows)]
 
 
+def _rational(rows: list[list[str]]) -> sp.Matrix:
+    return sp.Matrix([[sp.Rational(x) for x in row] for row in rows])
+
+
 def _with_matrices(name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, str, Document], what: str) -> Case:
     """The certificate with these W and P, and everything that follows from them."""
     copied, parts = document(name), json.loads(_originals()[name][1])["exosystem"]["groups"]
-    A, C = (
-        sp.diag(*(sp.Matrix([[sp.Rational(x) for x in row] for row in part[key]]) for part in parts)) for key in "AC"
-    )
+    A, C = (sp.diag(*(_rational(part[key]) for part in parts)) for key in "AC")
     F = A - W * C
     S = C * (-(P * F + F.T * P)).inv() * C.T
     copied["observer"] |= {"W": _texts(W), "P": _texts(P), "Q": _texts(P * W)}
@@ -192,8 +148,7 @@ def _with_matrices(name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, s
 
 def _bent_matrices() -> Iterator[Case]:
     data = document("mixed")
-    W = sp.Matrix([[sp.Rational(x) for x in row] for row in data["observer"]["W"]])
-    P = 20 * sp.Matrix([[sp.Rational(x) for x in row] for row in data["observer"]["P"]])
+    W, P = _rational(data["observer"]["W"]), 20 * _rational(data["observer"]["P"])
     slanted, joined = W.copy(), P.copy()
     slanted[0, 1] = sp.Rational(1, 1000)
     joined[0, 1] = joined[1, 0] = sp.Rational(1, 1000)
@@ -201,22 +156,21 @@ def _bent_matrices() -> Iterator[Case]:
     yield _with_matrices("mixed", W, joined, what="P between two groups")
     faster = W.copy()
     faster[0, 0] = 3
-    yield _with_matrices(
-        "mixed", faster, P, ("hurwitz", "1", {"exact": {"routh": ["1", "3"]}}), what="another W of a group that has one"
-    )
+    routh = ("hurwitz", "1", {"exact": {"routh": ["1", "3"]}})
+    yield _with_matrices("mixed", faster, P, routh, what="another W of a group that has one")
 
 
 def _bent_obstacles() -> Iterator[Case]:
-    yield bent("hidden", ("theorem1", None, {"exact": {"block": "detectability"}}), what="no group named")
-    yield bent(
-        "hidden", ("theorem1", None, {"exact": {"block": "detectability", "group": "1"}}), what="the other group"
-    )
-    yield bent("hidden", ("theorem1", None, {"exact": {"block": "detectability", "group": "3"}}), what="no such group")
-    yield bent("hidden", ("theorem1", None, {"exact": {"block": "hurwitz", "group": "2"}}), what="no W of its own")
-    yield bent("bad W", ("theorem1", None, {"exact": {"block": "hurwitz"}}), what="no group named")
-    yield bent("bad W", ("theorem1", None, {"exact": {"block": "hurwitz", "group": "1"}}), what="the good gain")
-    named = {"block": "Lambda", "mode": "G", "group": "1"}
-    yield bent("loose", ("theorem1", None, {"exact": named}), what="a group on Lambda")
+    for name, exact, what in (
+        ("hidden", {"block": "detectability"}, "no group named"),
+        ("hidden", {"block": "detectability", "group": "1"}, "the other group"),
+        ("hidden", {"block": "detectability", "group": "3"}, "no such group"),
+        ("hidden", {"block": "hurwitz", "group": "2"}, "no W of its own"),
+        ("bad W", {"block": "hurwitz"}, "no group named"),
+        ("bad W", {"block": "hurwitz", "group": "1"}, "the good gain"),
+        ("loose", {"block": "Lambda", "mode": "G", "group": "1"}, "a group on Lambda"),
+    ):
+        yield bent(name, ("theorem1", None, {"exact": exact}), what=what)
     yield bent("bad W", ("", None, OPEN), what="refuted, and it says undecided")
     yield bent("bad W, calm", ("", None, {"verdict": "refuted"}), what="undecided, and it says refuted")
     yield bent("bad W beside a designed one", ("", None, OPEN), what="refuted, and it says undecided")
@@ -231,14 +185,17 @@ def _bent_problems() -> Iterator[Case]:
         return about(problem, certificate, name=f"groups: {name}: {what}", code=code)
 
     plain = document("given")
-    yield changed("given", plain, UNREADABLE, what="a W for nobody", observer={"W": "2"})
-    yield changed("given", plain, UNREADABLE, what="a P for nobody", observer={"P": "2"})
-    yield changed("given", plain, UNREADABLE, what="a P for one group", g0={"P": [["1"]]})
-    yield changed("given", plain, UNREADABLE, what="P without W", g0={"W": None, "P": [["1"]]}, g1={"P": [["1"]]})
-    yield changed("given", plain, UNREADABLE, what="an agent in no group", g0={"agents": []})
-    yield changed("given", plain, UNREADABLE, what="an agent in two groups", g0={"agents": [0, 1]})
-    yield changed("given", plain, UNREADABLE, what="an agent that is not there", g1={"agents": [1, 2]})
-    yield changed("given", plain, UNREADABLE, what="no state", g0={"A": [], "C": [[]], "W": []})
+    for what, parts in {
+        "a W for nobody": {"observer": {"W": "2"}},
+        "a P for nobody": {"observer": {"P": "2"}},
+        "a P for one group": {"g0": {"P": [["1"]]}},
+        "P without W": {"g0": {"W": None, "P": [["1"]]}, "g1": {"P": [["1"]]}},
+        "an agent in no group": {"g0": {"agents": []}},
+        "an agent in two groups": {"g0": {"agents": [0, 1]}},
+        "an agent that is not there": {"g1": {"agents": [1, 2]}},
+        "no state": {"g0": {"A": [], "C": [[]], "W": []}},
+    }.items():
+        yield changed("given", plain, UNREADABLE, what=what, **parts)
     turned = document("three")
     for each in turned["checks"]:
         each.update({"group": "2"} if each.get("group") == "1" else {})

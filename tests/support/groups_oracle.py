@@ -36,16 +36,13 @@ def random_grouped_problem(seed: int) -> Problem:
     own[labels[0]], own[labels[-1]] = 0, 1
     chosen = {g: [label for label in labels if own[label] == g] for g in sorted(set(own.values()))}
     systems = {g: _exosystem(r, base.m) for g in chosen}
-    while friendly and any(
-        decide_observable(each.A, each.C).verdict is not Verdict.PROVED for each in systems.values()
-    ):
+    while friendly and {decide_observable(each.A, each.C).verdict for each in systems.values()} != {Verdict.PROVED}:
         systems = {g: _exosystem(r, base.m) for g in chosen}
     observers = {g: _observer(r, systems[g]) for g in chosen}
     if friendly and r.random() < 0.7:
         observers = dict.fromkeys(chosen, Observer())
     if any(each.P is None for each in observers.values()):
         observers = {g: Observer(W=each.W) for g, each in observers.items()}
-    observers = {g: Observer(W=each.W, P=each.P) for g, each in observers.items()}
     groups = [Group(agents=chosen[g], exosystem=systems[g], observer=observers[g]) for g in chosen]
     return with_groups(base, groups, disturbance=r.choice((0, 0.5, 3)))
 
@@ -119,13 +116,11 @@ class GroupsOracle(Oracle):
         observer, false = document["observer"], []
         orders = [len(A) for A, _ in self.systems]
         for name, widths in (("W", [self.m] * len(orders)), ("P", orders)):
-            if observer[name] is not None:
-                M = numbers(observer[name])
-                blocks = self.blocks(M, widths)
-                false += [] if diagonal(blocks) == M else [f"{name} is not block diagonal"]
-                if name == "W":
-                    pairs = zip(self.parts.values(), blocks, strict=True)
-                    false += ["W of a group" for part, block in pairs if part.W not in (None, block)]
+            M = [] if observer[name] is None else numbers(observer[name])
+            blocks = self.blocks(M, widths) if M else []
+            false += [] if not M or diagonal(blocks) == M else [f"{name} is not block diagonal"]
+            pairs = zip(self.parts.values(), blocks, strict=True) if M and name == "W" else ()
+            false += ["W of a group" for part, block in pairs if part.W not in (None, block)]
         return false + super().false_claims(document)
 
     def _false_in(self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from dobc_design.conditions.boxes.claim import LEAF, Boxes, Shell, build_forms, energy_bounds, first_box, upper_bounds
 from dobc_design.conditions.check import Check, read_object, starts_in, undecided_check
 from dobc_design.conditions.numbers import claimed, read_rational
-from dobc_design.conditions.quadratic import checks as quadratic
+from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.quadratic.decide import LureDecision, border_of, covers, diagonal_of_inverse, verify_lure
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, float_below
@@ -107,16 +107,15 @@ def exhaustive_check(
     outer = replace(shell.lure, level=shell.outer)
     if not covers(problem, outer, radius=claimed(radius), disturbance=claimed(disturbance)):
         return undecided_check("exhaustive", domain, "the ball asked for is not inside the invariant set.")
-    starts = quadratic.starts_in_words(problem, outer, radius, disturbance)
+    decrease = quadratic.decrease_in_words(problem, outer, radius, disturbance)
     return Check(
         id="exhaustive",
         verdict=Verdict.PROVED,
         rate=quadratic.rate_of(shell.lure),
         domain=starts_in("ball", radius, disturbance),
         claim=shell,
-        reason=f"from {starts} V = {quadratic.function_in_words(outer)} decreases{quadratic.pace_in_words(shell.lure)}:"
-        f" near the target by a quadratic certificate, farther out in {shell.tree.count('.')} boxes, one by"
-        f" one{quadratic.in_every_mode(problem)}.{remark}",
+        reason=f"{decrease}: near the target by a quadratic certificate, farther out in {shell.tree.count('.')} boxes,"
+        f" one by one{quadratic.in_every_mode(problem)}.{remark}",
     )
 
 

@@ -17,9 +17,8 @@ from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
-from dobc_design.conditions.quadratic.checks import certified_ball, quadratic_obstacle
 from dobc_design.conditions.quadratic.claim import Shape
-from dobc_design.conditions.quadratic.decide import border_of, eigenvalue_bound
+from dobc_design.conditions.quadratic.decide import border_of, certified_ball, eigenvalue_bound, quadratic_obstacle
 from dobc_design.conditions.quadratic.propose import linear_rate
 from dobc_design.conditions.quadratic.stage import propose
 from dobc_design.conditions.separable.claim import acts_by_component

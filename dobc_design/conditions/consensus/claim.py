@@ -7,19 +7,19 @@
 With a rate beta > 0, 2 beta diag(I, I (x) P) is added, and V' <= -2 beta V follows.  Unknowns are P
 (symmetric, q x q) and Q (q x m); W = P^-1 Q.  Lemma 1 is Lambda < 0 and has no unknowns.
 
-dh/de is enclosed arc by arc (11) at the consensus, e = 0, where each gain is h'(0) of the arc: a point when it is
-rational, else a narrow outward interval.  Lambda of a large network is stated in arrays of integers: slopes are exact
-where a common denominator of 512 bits holds them all; others become the nearest float with a deviation that reaches
-over their whole enclosure.
+dh/de is enclosed arc by arc (11) at the consensus, where each gain is h'(0) of the arc: a point when it is rational,
+else a narrow outward interval.  Lambda of a large network is stated in arrays of integers: slopes are exact where a
+common denominator of 512 bits holds them all; others become the nearest float with a deviation that reaches over their
+whole enclosure.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any, Final, overload
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,15 +27,13 @@ from numpy.typing import NDArray
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.numbers import doubles_to_json, read_rational
 from dobc_design.errors import SpecError
+from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.number import number_text
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
 from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.exact.symmetric import (
-    DENOMINATOR_BITS,
-    Integers,
-    IntegerSymmetric,
     Places,
     SparseSymmetric,
     as_integers,
@@ -43,19 +41,24 @@ from dobc_design.exact.symmetric import (
 from dobc_design.problem.arrays import arc_table
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, group_numbers
+from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Pinning, Problem
 
 Gain = tuple[tuple[Interval, ...], ...]  # m x m
+Entries = dict[tuple[int, int], Fraction]
+Triplets = tuple[Places, Places, sparse.Integers]
+
+ZERO: Final = Fraction(0)
+#: Rows n m, and arcs times m^2, beyond which Lambda is stated in arrays.
+LARGE_ROWS: Final = 2000
+LARGE_ENTRIES: Final = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModeJacobian:
     """dh/de of one mode: J has +gain at block (listener, speaker) and -gain at (listener, listener).
-
-    ``gains[kind[a]]`` is the m x m gain of arc a, weight included; arcs that are alike share it.
-    """
+    ``gains[kind[a]]`` is the m x m gain of arc a, weight included; arcs that are alike share it."""
 
     name: str
     arcs: Arcs
@@ -65,7 +68,7 @@ class ModeJacobian:
     @property
     def is_point(self) -> bool:
         """Whether every gain is a single rational matrix."""
-        return all(entry.lo == entry.hi for gain in self.gains for row in gain for entry in row)
+        return all(entry.is_point for gain in self.gains for row in gain for entry in row)
 
     @property
     def is_nonnegative_diagonal(self) -> bool:
@@ -89,33 +92,22 @@ class Jacobians:
 
 
 def jacobians_at_consensus(problem: Problem) -> Jacobians:
-    """Enclose J(0) of every mode.
-
-    For linear couplings J does not depend on e, so the domain is "global".
-    Raises: exact.interval.UndefinedError if a coupling has no derivative at 0.
-    """
-    modes = tuple(_mode_jacobian(problem, name, arcs) for name, arcs in problem.network.modes.items())
-    domain = "global" if problem.is_linear else "consensus"
-    return Jacobians(domain=domain, size=problem.n, dimension=problem.m, modes=modes)
-
-
-def _mode_jacobian(problem: Problem, name: str, arcs: Arcs) -> ModeJacobian:
+    """Enclose J(0) of every mode.  For linear couplings J does not depend on e, so the domain is "global". Raises:
+    exact.interval.UndefinedError if a coupling has no derivative at 0."""
     slopes = [coupling.jacobian_at_zero() for coupling in problem.couplings]
-    table = arc_table(problem, name)
-    weights = table.weights
-    pairs, kinds = np.unique(table.coupling * max(1, len(weights)) + table.weight, return_inverse=True)
-    gains: list[Gain] = []
-    for coupling, place in (divmod(pair, max(1, len(weights))) for pair in pairs.tolist()):
-        scale = Interval(weights[place], weights[place])
-        gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
-    kinds.setflags(write=False)
-    return ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains))
-
-
-#: Rows n m, and arcs times m^2, beyond which Lambda is stated in arrays.
-LARGE_ROWS: Final = 2000
-LARGE_ENTRIES: Final = 20_000
-Triplets = tuple[Places, Places, Integers]
+    modes = []
+    for name, arcs in problem.network.modes.items():
+        table = arc_table(problem, name)
+        width = max(1, len(table.weights))
+        pairs, kinds = np.unique(table.coupling * width + table.weight, return_inverse=True)
+        gains: list[Gain] = []
+        for coupling, place in (divmod(pair, width) for pair in pairs.tolist()):
+            scale = Interval.point(table.weights[place])
+            gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
+        kinds.setflags(write=False)
+        modes.append(ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains)))
+    domain = "global" if problem.is_linear else "consensus"
+    return Jacobians(domain=domain, size=problem.n, dimension=problem.m, modes=tuple(modes))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -131,47 +123,41 @@ class Deviations(Sequence[Deviation]):
     def __len__(self) -> int:
         return len(self.rows)
 
-    @overload
-    def __getitem__(self, place: int) -> Deviation: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> list[Deviation]: ...
-
-    def __getitem__(self, place: int | slice) -> Deviation | list[Deviation]:
+    def __getitem__(self, place: Any) -> Any:
         if isinstance(place, slice):
             return [self[k] for k in range(*place.indices(len(self)))]
         row, speaker, listener = (int(each[place]) for each in (self.rows, self.speakers, self.listeners))
         return Deviation(row, speaker, listener, self.sizes[int(self.kinds[place])])
 
 
-def is_large(jacobian: ModeJacobian, *, size: int, dimension: int) -> bool:
-    """Whether this mode is to be stated in arrays."""
-    return size * dimension > LARGE_ROWS or len(jacobian.arcs) * dimension**2 > LARGE_ENTRIES
-
-
 def lemma1_in_arrays(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil | None:
-    """``conditions.lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512 bits.
-
-    Both forms enclose the same matrices; middles and deviations of inexact slopes may differ.
-    """
-    held = {id(k): _symmetric(k) for k in pinning.gains.values()}  # agents often share one matrix
+    """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512 bits.  Both forms
+    enclose the same matrices; middles and deviations of inexact slopes may differ."""
+    # agents often share one matrix
+    held = {
+        id(k): [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)] for k in pinning.gains.values()
+    }
     below = _common((x for rows in held.values() for row in rows for x in row), 1)
     if below is None:
         return None
-    middles, spreads = _middles_and_spreads(jacobian, below)
-    common = math.lcm(below, *{x.denominator for each in middles for row in each for x in row})
-    parts = [*_pin_triplets(pinning, held, common, dimension), *_arc_triplets(jacobian, middles, common, dimension)]
-    rows, columns, values = (np.concatenate([part[k] for part in parts] or [_NOTHING]) for k in range(3))
+    entries = [entry for gain in jacobian.gains for row in gain for entry in row]
+    exact = _common((entry.lo for entry in entries if entry.is_point), below) is not None
+    middles = np.array([_middle(entry, exact) for entry in entries], dtype=object)
+    spreads = [max(entry.hi - x, x - entry.lo) for entry, x in zip(entries, middles, strict=True)]
+    common = math.lcm(below, *{x.denominator for x in middles})
+    whole = (middles * common).reshape(-1, dimension, dimension)
+    nothing = np.zeros(0, dtype=np.int64)
+    parts = [*_pin_triplets(pinning, held, common, dimension), *_arc_triplets(jacobian, whole, dimension)]
+    rows, columns, values = (np.concatenate([part[k] for part in parts] or [nothing]) for k in range(3))
     return Pencil(
         name=f"lemma1 ({jacobian.name})",
-        constant=IntegerSymmetric(size=size * dimension, rows=rows, columns=columns, values=values, denominator=common),
+        constant=sparse.IntegerSymmetric(
+            size=size * dimension, rows=rows, columns=columns, values=values, denominator=common
+        ),
         unknowns=(),
         coefficients={},
         deviations=_deviations(jacobian, spreads, dimension),
     )
-
-
-_NOTHING: Final = np.zeros(0, dtype=np.int64)
 
 
 def _common(numbers: Iterable[Fraction], start: int) -> int | None:
@@ -179,31 +165,13 @@ def _common(numbers: Iterable[Fraction], start: int) -> int | None:
     common = start
     for denominator in {x.denominator for x in numbers}:
         common = math.lcm(common, denominator)
-        if common.bit_length() > DENOMINATOR_BITS:
+        if common.bit_length() > sparse.DENOMINATOR_BITS:
             return None
     return common
 
 
-def _symmetric(k: Matrix) -> Matrix:
-    return tuple(tuple(x + k[d][c] for d, x in enumerate(row)) for c, row in enumerate(k))
-
-
-def _middles_and_spreads(jacobian: ModeJacobian, below: int) -> tuple[list[Matrix], list[Matrix]]:
-    """Middle and half width of every gain; exact ones are kept if that costs no long denominator."""
-    entries = [entry for gain in jacobian.gains for row in gain for entry in row]
-    exact = _common((entry.lo for entry in entries if entry.is_point), below) is not None
-    middles = [tuple(tuple(_middle(entry, exact) for entry in row) for row in gain) for gain in jacobian.gains]
-    spreads = [
-        tuple(
-            tuple(max(entry.hi - x, x - entry.lo) for entry, x in zip(row, own, strict=True))
-            for row, own in zip(gain, middle, strict=True)
-        )
-        for gain, middle in zip(jacobian.gains, middles, strict=True)
-    ]
-    return middles, spreads
-
-
 def _middle(entry: Interval, exact: bool) -> Fraction:
+    """The middle of a gain; exact ones are kept if that costs no long denominator."""
     middle = entry.midpoint
     try:
         return middle if exact and entry.is_point else Fraction(float(middle))
@@ -211,7 +179,9 @@ def _middle(entry: Interval, exact: bool) -> Fraction:
         return middle
 
 
-def _pin_triplets(pinning: Pinning, held: dict[int, Matrix], common: int, dimension: int) -> Iterable[Triplets]:
+def _pin_triplets(
+    pinning: Pinning, held: Mapping[int, Sequence[Sequence[Fraction]]], common: int, dimension: int
+) -> Iterable[Triplets]:
     """-(K + K'), on and above the diagonal."""
     agents = np.fromiter(pinning.gains, dtype=np.int64, count=len(pinning.gains)) * dimension
     kinds = {key: kind for kind, key in enumerate(held)}
@@ -223,122 +193,110 @@ def _pin_triplets(pinning: Pinning, held: dict[int, Matrix], common: int, dimens
                 yield agents + c, agents + d, table[kind]
 
 
-def _arc_triplets(jacobian: ModeJacobian, middles: Sequence[Matrix], common: int, dimension: int) -> Iterable[Triplets]:
+def _arc_triplets(jacobian: ModeJacobian, whole: NDArray[Any], dimension: int) -> Iterable[Triplets]:
     """J + J' of every arc, on and above the diagonal: the slope at (row, speaker), minus it at (row, listener)."""
     listeners, speakers = jacobian.arcs.listeners * dimension, jacobian.arcs.speakers * dimension
-    for c in range(dimension):
-        for d in range(dimension):
-            whole = [int(common * each[c][d]) for each in middles]
-            if any(whole):
-                row, off, own = listeners + c, speakers + d, listeners + d
-                yield np.minimum(row, off), np.maximum(row, off), as_integers(whole)[jacobian.kind]
-                twice = as_integers([-2 * x if c == d else -x for x in whole])
-                yield np.minimum(row, own), np.maximum(row, own), twice[jacobian.kind]
+    for c, d in np.ndindex(dimension, dimension):
+        slopes = [int(x) for x in whole[:, c, d]]
+        if any(slopes):
+            row, off, own = listeners + c, speakers + d, listeners + d
+            yield np.minimum(row, off), np.maximum(row, off), as_integers(slopes)[jacobian.kind]
+            twice = as_integers([-2 * x if c == d else -x for x in slopes])
+            yield np.minimum(row, own), np.maximum(row, own), twice[jacobian.kind]
 
 
-def _deviations(jacobian: ModeJacobian, spreads: Sequence[Matrix], dimension: int) -> Sequence[Deviation]:
-    columns: list[tuple[Any, Any, Any, Any]] = []
-    for c in range(dimension):
-        for d in range(dimension):
-            chosen = np.array([bool(each[c][d]) for each in spreads], dtype=bool)[jacobian.kind]
-            listeners, speakers = jacobian.arcs.listeners[chosen], jacobian.arcs.speakers[chosen]
-            kinds = (jacobian.kind[chosen] * dimension + c) * dimension + d
-            columns.append((listeners * dimension + c, speakers * dimension + d, listeners * dimension + d, kinds))
+def _deviations(jacobian: ModeJacobian, spreads: Sequence[Fraction], dimension: int) -> Sequence[Deviation]:
+    columns: list[Sequence[Any]] = []
+    for c, d in np.ndindex(dimension, dimension):
+        place = c * dimension + d
+        chosen = np.array([bool(x) for x in spreads[place :: dimension**2]], dtype=bool)[jacobian.kind]
+        listeners, speakers = jacobian.arcs.listeners[chosen], jacobian.arcs.speakers[chosen]
+        kinds = jacobian.kind[chosen] * dimension**2 + place
+        columns.append((listeners * dimension + c, speakers * dimension + d, listeners * dimension + d, kinds))
     rows, speakers, listeners, kinds = (np.concatenate(column) for column in zip(*columns, strict=True))
     if not len(rows):
         return ()
-    return Deviations(
-        rows=rows,
-        speakers=speakers,
-        listeners=listeners,
-        kinds=kinds,
-        sizes=tuple(x for each in spreads for row in each for x in row),
-    )
+    return Deviations(rows=rows, speakers=speakers, listeners=listeners, kinds=kinds, sizes=tuple(spreads))
 
 
-ZERO = Fraction(0)
-Entries = dict[tuple[int, int], Fraction]
+def linearisation(jacobian: ModeJacobian, pinning: Pinning, dimension: int) -> Entries:
+    """The entries of J - K of one mode, with the middle of a slope that is not rational."""
+    entries: Entries = {}
+
+    def put(agent: int, other: int, c: int, d: int, value: Fraction) -> None:
+        place = agent * dimension + c, other * dimension + d
+        entries[place] = entries.get(place, ZERO) + value
+
+    middles = [[[entry.midpoint for entry in row] for row in gain] for gain in jacobian.gains]
+    for (listener, speaker, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True):
+        for c, row in enumerate(middles[kind]):
+            for d, slope in enumerate(row):
+                if slope:
+                    put(listener, speaker, c, d, slope)
+                    put(listener, listener, c, d, -slope)
+    for agent, k in pinning.gains.items():
+        for c, row in enumerate(k):
+            for d, x in enumerate(row):
+                put(agent, agent, c, d, -x)
+    return entries
 
 
 def lemma1(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil:
-    """Lambda(J) = J + J' - (K + K') < 0: Lemma 1, eq. (10) without its factor 1/2.
-
-    Size: n m.  No unknowns.  Large ones are stated in arrays (``arrays``).
-    """
-    if is_large(jacobian, size=size, dimension=dimension):
+    """Lambda(J) = J + J' - (K + K') < 0: Lemma 1, eq. (10) without its factor 1/2.  Size: n m.  No unknowns."""
+    if size * dimension > LARGE_ROWS or len(jacobian.arcs) * dimension**2 > LARGE_ENTRIES:
         lean = lemma1_in_arrays(jacobian, pinning, size=size, dimension=dimension)
         if lean is not None:
             return lean
     entries: Entries = {}
-    deviations: list[Deviation] = []
-    for (listener, speaker, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True):
-        gain = jacobian.gains[kind]
-        for c in range(dimension):
-            for d in range(dimension):
-                row, off, own = listener * dimension + c, speaker * dimension + d, listener * dimension + d
-                _add_slope(entries, deviations, gain[c][d], row=row, off=off, own=own)
-    for agent, gain in pinning.gains.items():
-        for c in range(dimension):
-            for d in range(c, dimension):
-                _add(entries, agent * dimension + c, agent * dimension + d, -(gain[c][d] + gain[d][c]))
+    for (i, j), value in linearisation(jacobian, pinning, dimension).items():
+        add_to(entries, i, j, 2 * value if i == j else value)
+    deviations = (
+        ()
+        if jacobian.is_point
+        else tuple(
+            Deviation(i * dimension + c, j * dimension + d, i * dimension + d, slope.width / 2)
+            for (i, j, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True)
+            for c, row in enumerate(jacobian.gains[kind])
+            for d, slope in enumerate(row)
+            if not slope.is_point
+        )
+    )
     return Pencil(
         name=f"lemma1 ({jacobian.name})",
         constant=SparseSymmetric(size * dimension, entries),
         unknowns=(),
         coefficients={},
-        deviations=tuple(deviations),
+        deviations=deviations,
     )
 
 
-def theorem1(lambda_: Pencil, exosystem: Exosystem, *, agents: int, rate: Fraction = ZERO) -> Pencil:
-    """Psi of eq. (18), from Lambda (a Pencil of ``lemma1``) and the exosystem.
-
-    Size: n m + n q.  Unknowns P and Q.  ``rate`` (1/s) adds 2 rate diag(I, I (x) P).
-    """
-    return _psi(lambda_, [("", exosystem)], [0] * agents, rate=rate)
-
-
-def theorem1_of_groups(
-    lambda_: Pencil, groups: Sequence[Group], labels: Sequence[str], *, rate: Fraction = ZERO
+def theorem1(
+    lambda_: Pencil, systems: Mapping[str, Exosystem], numbers: Sequence[int], *, rate: Fraction = ZERO
 ) -> Pencil:
-    """Psi where agents have different exosystems: every agent has the C and the Omega0 of its group.
-
-    Size: n m + the sum of the agents' orders.  Unknowns: P and Q of every group, by its name: "P[1]", "Q[1]".
-    """
-    systems = [(f"[{group.name}]", group.exosystem) for group in groups]
-    return _psi(lambda_, systems, group_numbers(groups, labels), rate=rate)
-
-
-def _psi(
-    lambda_: Pencil, systems: Sequence[tuple[str, Exosystem]], numbers: Sequence[int], *, rate: Fraction
-) -> Pencil:
-    """Psi from the exosystems, each with what distinguishes its unknowns, and each agent's number among them."""
-    m = systems[0][1].outputs
+    """Psi of eq. (18), n m rows and a block per agent, from Lambda, the exosystems and each agent's number among them.
+    Unknowns: P and Q of each, by its name: "P[1]", "Q[1]".  ``rate`` (1/s) adds 2 rate diag(I, I (x) P)."""
+    known = list(systems.values())
+    m = known[0].outputs
     entries: Entries = dict(lambda_.constant.entries)
     size = offset = len(numbers) * m
     for i in range(offset if rate else 0):
-        _add(entries, i, i, 2 * rate)
-    starts: list[list[int]] = [[] for _ in systems]  # where the blocks of the agents begin
+        add_to(entries, i, i, 2 * rate)
+    starts: list[list[int]] = [[] for _ in known]  # where the blocks of the agents begin
     for agent, number in enumerate(numbers):
-        exosystem = systems[number][1]
         starts[number].append(size)
-        for c in range(m):
-            for k in range(exosystem.order):
-                if exosystem.C[c][k]:
-                    entries[agent * m + c, size + k] = exosystem.C[c][k]
-        size += exosystem.order
+        for c, row in enumerate(known[number].C):
+            entries |= {(agent * m + c, size + k): x for k, x in enumerate(row) if x}
+        size += known[number].order
     unknowns: list[Unknown] = []
     coefficients: dict[Place, SparseSymmetric] = {}
-    for (mark, exosystem), own in zip(systems, starts, strict=True):
-        q = exosystem.order
-        pair = (
-            Unknown(name=f"P{mark}", rows=q, columns=q, symmetric=True),
-            Unknown(name=f"Q{mark}", rows=q, columns=m, symmetric=False),
-        )
-        unknowns += pair
-        for name, unknown in zip("PQ", pair, strict=True):
+    for (name, exosystem), own in zip(systems.items(), starts, strict=True):
+        mark, q = f"[{name}]" if name else "", exosystem.order
+        P = Unknown(name=f"P{mark}", rows=q, columns=q, symmetric=True)
+        Q = Unknown(name=f"Q{mark}", rows=q, columns=m, symmetric=False)
+        unknowns += [P, Q]
+        for letter, unknown in (("P", P), ("Q", Q)):
             for place in unknown.places():
-                block = omega_coefficient(exosystem, (name, place[1], place[2]), rate=rate)
+                block = omega_coefficient(exosystem, (letter, place[1], place[2]), rate=rate)
                 values = {(start + i, start + j): x for start in own for (i, j), x in block.items()}
                 coefficients[place] = SparseSymmetric(size, values)
     return Pencil(
@@ -350,82 +308,41 @@ def _psi(
     )
 
 
-def theorem2(
-    jacobians: Jacobians, pinning: Pinning, exosystem: Exosystem, *, rate: Fraction = ZERO
-) -> tuple[Pencil, ...]:
-    """Theorem 2, eq. (28): one Psi per mode, with the same unknowns P and Q.  One mode: Theorem 1."""
-    return tuple(
-        theorem1(
-            lemma1(mode, pinning, size=jacobians.size, dimension=jacobians.dimension),
-            exosystem,
-            agents=jacobians.size,
-            rate=rate,
-        )
-        for mode in jacobians.modes
-    )
-
-
 def reduced(bound: Fraction, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Pencil:
-    """The same statement for one agent with Lambda = bound I: what Psi < 0 comes down to (theory, Reduction).
-
-    With bound = max lambda_max(Lambda) over the modes it is equivalent to Theorem 2 when m = 1 or
-    Lambda = Lambda_n (x) I_m, and sufficient in general.  Size: m + q.
-    """
+    """The same for one agent with Lambda = bound I (theory, Reduction), bound = max lambda_max(Lambda) over the modes:
+    equivalent to Theorem 2 when m = 1 or Lambda = Lambda_n (x) I_m, sufficient in general.  Size: m + q."""
     m = exosystem.outputs
     diagonal = SparseSymmetric(m, {(i, i): bound for i in range(m)})
     one = Pencil(name="reduced", constant=diagonal, unknowns=(), coefficients={})
-    return theorem1(one, exosystem, agents=1, rate=rate)
+    return theorem1(one, {"": exosystem}, [0], rate=rate)
 
 
 def omega_coefficient(exosystem: Exosystem, place: Place, *, rate: Fraction = ZERO) -> Entries:
-    """What one entry of P or Q contributes to Omega0 + 2 rate P (upper triangle, q x q)."""
+    """What one entry of P or Q contributes to Omega0 + 2 rate P = X + X' (upper triangle, q x q)."""
     name, k, l = place  # noqa: E741  k, l as in matrix entries
-    A, C, q = exosystem.A, exosystem.C, exosystem.order
-    full: dict[tuple[int, int], Fraction] = {}
-
-    def put(i: int, j: int, value: Fraction) -> None:
-        if value:
-            full[i, j] = full.get((i, j), ZERO) + value
-
-    if name == "P":
-        for r, s in {(k, l), (l, k)}:
-            for j in range(q):
-                put(r, j, A[s][j])  # (E A)_rj
-                put(j, r, A[s][j])  # (A' E')_jr
-            put(r, s, 2 * rate)
-    else:
-        for j in range(q):
-            put(k, j, -C[l][j])  # (Q C)_kj
-            put(j, k, -C[l][j])
-    return {(i, j): value for (i, j), value in full.items() if i <= j and value}
+    if name == "P":  # X = E (A + rate I)
+        shifted = [[x + rate * (i == j) for j, x in enumerate(row)] for i, row in enumerate(exosystem.A)]
+        terms = [(r, j, x) for r, s in {(k, l), (l, k)} for j, x in enumerate(shifted[s])]
+    else:  # X = -E C
+        terms = [(k, j, -x) for j, x in enumerate(exosystem.C[l])]
+    entries: Entries = {}
+    for i, j, x in terms:
+        add_to(entries, i, j, 2 * x if i == j else x)
+    return {where: value for where, value in entries.items() if value}
 
 
 def omega(P: Matrix, Q: Matrix, exosystem: Exosystem, *, rate: Fraction = ZERO) -> SparseSymmetric:
-    """Omega0 + 2 rate P at rational P, Q: the block every agent has."""
-    q, m = exosystem.order, exosystem.outputs
-    entries: Entries = {}
-    places: list[tuple[Place, Fraction]] = [(("P", i, j), P[i][j]) for i in range(q) for j in range(i, q)]
-    places += [(("Q", i, j), Q[i][j]) for i in range(q) for j in range(m)]
-    for place, x in places:
-        if x:
-            for where, value in omega_coefficient(exosystem, place, rate=rate).items():
-                entries[where] = entries.get(where, ZERO) + x * value
-    return SparseSymmetric(q, entries)
+    """Omega0 + 2 rate P at rational P = P', Q: the block every agent has."""
+    q, PA, QC = exosystem.order, multiply(P, exosystem.A), multiply(Q, exosystem.C)
+    X = [[PA[i][j] - QC[i][j] + rate * P[i][j] for j in range(q)] for i in range(q)]
+    return SparseSymmetric(q, {(i, j): X[i][j] + X[j][i] for i in range(q) for j in range(i, q)})
 
 
-def _add(entries: Entries, i: int, j: int, value: Fraction) -> None:
+def add_to(entries: Entries, i: int, j: int, value: Fraction) -> None:
+    """Add to the entry (i, j) of a symmetric matrix, kept in its upper triangle."""
     if value:
         where = (i, j) if i <= j else (j, i)
         entries[where] = entries.get(where, ZERO) + value
-
-
-def _add_slope(entries: Entries, deviations: list[Deviation], slope: Interval, *, row: int, off: int, own: int) -> None:
-    """Add J + J' of one entry of one arc: the slope at (row, off), minus the slope at (row, own)."""
-    middle = slope.midpoint
-    _add(entries, row, off, middle)
-    _add(entries, row, own, -2 * middle if row == own else -middle)
-    if not slope.is_point:
-        deviations.append(Deviation(row, off, own, slope.width / 2))
 
 
 def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
@@ -440,13 +357,7 @@ def with_gain(pencil: Pencil, W: Matrix) -> Pencil:
                 if W[other][j]:
                     total = total + pencil.coefficients["Q", row, j].scaled(W[other][j])
         coefficients[place] = total
-    return Pencil(
-        name=pencil.name,
-        constant=pencil.constant,
-        unknowns=(P,),
-        coefficients=coefficients,
-        deviations=pencil.deviations,
-    )
+    return replace(pencil, unknowns=(P,), coefficients=coefficients)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -463,10 +374,8 @@ class Shown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unstable:
-    """Of a refuted Lemma 1: a lower bound of the eigenvalues of J - K with positive real part, and perhaps v'Lambda v.
-
-    ``value``: a lower bound of v'Lambda v for the vector v of the witness; None where it is not rational.
-    """
+    """Of a refuted Lemma 1: a lower bound of the eigenvalues of J - K with positive real part, and perhaps v'Lambda
+    v.  ``value``: a lower bound of v'Lambda v for the vector v of the witness; None where it is not rational."""
 
     roots: int
     value: Fraction | None = None
@@ -479,10 +388,8 @@ class Unstable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).
-
-    Where agents have different exosystems, here and below: block diagonal, for the joint one (``problem.groups``).
-    """
+    """A proposed pair (P, Q) with W = P^-1 Q.  Shapes: P (q, q) symmetric, Q (q, m).  Where agents have different
+    exosystems, here and below: block diagonal, for the joint one (``problem.groups``)."""
 
     P: Matrix
     Q: Matrix
@@ -503,21 +410,16 @@ class PairFacts:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values."""
-        values: dict[str, Any] = {
-            "P": matrix_text(self.pair.P),
-            "Q": matrix_text(self.pair.Q),
-            "S": matrix_text(self.S),
-        }
+        matrices = {"P": self.pair.P, "Q": self.pair.Q, "S": self.S}
+        values: dict[str, Any] = {name: matrix_text(M) for name, M in matrices.items()}
         if self.bound is not None:
             values["bound"] = number_text(self.bound)
         return values if self.mode is None else {**values, "mode": self.mode}
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None:
-    """What Lemma 1 or a theorem claims; neither ``problem`` nor the gain W (q, m) is needed.
-
-    Raises: KeyError, TypeError, ValueError or SpecError for numbers that cannot be read.
-    """
+    """What Lemma 1 or a theorem claims; neither ``problem`` nor the gain W (q, m) is needed.  Raises: KeyError,
+    TypeError, ValueError or SpecError for numbers that cannot be read."""
     exact = check.exact or {}
     if "unstable_roots" in exact:
         roots = read_rational(exact["unstable_roots"])
@@ -532,12 +434,8 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Statements:
-    """The conditions of one problem on one domain.
-
-    ``lambdas``: mode -> Lambda(J), a Pencil without unknowns.  ``inapplicable``: why Lemma 1 and the
-    theorems say nothing here (couplings that are not C1), or None; then ``lambdas`` is empty.  ``shown``: for modes of
-    large networks, what a vector has proved about Lambda (``negative``).
-    """
+    """The conditions of one problem.  ``lambdas``: mode -> Lambda(J), without unknowns; empty where the couplings are
+    ``inapplicable``, not C1, for that reason.  ``shown``: what a vector has proved about Lambda of large networks."""
 
     problem: Problem
     domain: str
@@ -546,43 +444,37 @@ class Statements:
     inapplicable: str | None
     shown: Mapping[str, Shown] = field(default_factory=dict)
 
-    def psi(self, *, rate: Fraction = Fraction(0)) -> tuple[Pencil, ...]:
-        """Psi of every mode, in the order of the modes.  Raises SpecError without an exosystem."""
-        groups = self.problem.groups
+    def psi(self, *, rate: Fraction = ZERO) -> tuple[Pencil, ...]:
+        """Psi of every mode, (28), with shared unknowns, in the order of the modes.  Raises: SpecError without an
+        exosystem."""
+        groups, labels = self.problem.groups, self.problem.network.labels
         if not groups:
             raise SpecError(
                 "Psi of (18) needs an [exosystem].", key="exosystem", cure="Without one, Lemma 1 is the condition."
             )
-        if self.problem.is_grouped:
-            labels = self.problem.network.labels
-            return tuple(theorem1_of_groups(each, groups, labels, rate=rate) for each in self.lambdas.values())
-        exosystem = groups[0].exosystem
-        return tuple(theorem1(each, exosystem, agents=self.problem.n, rate=rate) for each in self.lambdas.values())
+        systems = {group.name if self.problem.is_grouped else "": group.exosystem for group in groups}
+        numbers = group_numbers(groups, labels)
+        return tuple(theorem1(each, systems, numbers, rate=rate) for each in self.lambdas.values())
 
 
 def state_theorems(problem: Problem) -> Statements:
     """State Lemma 1, Theorem 1 and Theorem 2 for ``problem`` at the consensus."""
-    reason = _inapplicable(problem)
-    if reason is None:
+    reason, jacobians = None, None
+    kinked = next((coupling for coupling in problem.couplings if coupling.nonsmooth), None)
+    if kinked is not None:
+        reason = (
+            f'does not apply: h = "{kinked.texts[0]}" uses {", ".join(kinked.nonsmooth)}; Lemma 1 and both theorems are'
+            " for continuously differentiable couplings, and that is not shown here; use a smooth one, such as tanh for"
+            " clip."
+        )
+    else:
         try:
             jacobians = jacobians_at_consensus(problem)
         except UndefinedError as error:
             reason = f"does not apply: the coupling has no bounded derivative at the consensus ({error})."
-    if reason is not None:
+    if jacobians is None:
         return Statements(problem=problem, domain="consensus", jacobians=None, lambdas={}, inapplicable=reason)
     lambdas = {
         mode.name: lemma1(mode, problem.pinning, size=problem.n, dimension=problem.m) for mode in jacobians.modes
     }
     return Statements(problem=problem, domain=jacobians.domain, jacobians=jacobians, lambdas=lambdas, inapplicable=None)
-
-
-def _inapplicable(problem: Problem) -> str | None:
-    for coupling in problem.couplings:
-        if coupling.nonsmooth:
-            names = ", ".join(coupling.nonsmooth)
-            return (
-                f'does not apply: h = "{coupling.texts[0]}" uses {names}; Lemma 1 and both theorems are for'
-                " continuously differentiable couplings, and that is not shown here; use a smooth one, such as tanh for"
-                " clip."
-            )
-    return None

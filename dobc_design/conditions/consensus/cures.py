@@ -1,12 +1,13 @@
 """Cures for a network that is not held, as proposals: gains on the present pins, one more pin, several more.
 
-Each is gains in floating point on the boundary of what is needed; ``PinProposal.rounded`` gives what a person would
-type, and exact arithmetic decides whether that cures.  Also: the factor by which a given P is too small.
+Gains on a set F can do iff S is positive on the other agents (theory, section 7).  Each cure is on the boundary of what
+is needed, in floating point; exact arithmetic decides whether the rounded one cures.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -14,36 +15,38 @@ from fractions import Fraction
 import numpy as np
 from scipy import sparse
 
-from dobc_design.conditions.consensus.choice import best_single, small_set, usual_rate
-from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, for_rate, network_blocks, smallest_gains
-from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
+from dobc_design.conditions.consensus import pinning
+from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, network_blocks, smallest_gains
+from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
 from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 
+CANDIDATES = 200  # agents that are tried one by one, if a try is cheap
+FEWEST = 10  # if it is not
+LARGE = 500  # agents from which every single try takes a noticeable time
+WORK = 10_000_000  # tries times squared size
+GREEDY_WORK = 500_000  # looks times squared size of a greedy step
+LOOKED_AT = 12  # agents of the slowest direction among which a greedy step chooses, if a look is cheap
+NEARLY_ZERO = 1e-9  # relative to the entries of S
+ALIKE = 1e-6  # totals that differ by less (relatively) are a tie
 ENOUGH = Fraction(51, 50)  # two digits if they ask for at most this much more than is needed, else three
-Progress = Callable[[str], None]
 STEPS = 80  # of a bisection
+
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinProposal:
-    """Gains by agent index, about; which agents are new; the ``rivals`` of a single new one.
-
-    ``keeps``: the gains are for the new agents alone and the present ones stay as they are; else they replace them.
-    ``smallest``: the gains are the least that can do.  Otherwise smaller ones would do, and these are the least for
-    half of the fastest decay that pins on these agents can give.
-    """
+    """Gains by agent index, about; which agents are new; the ``rivals`` of a single new one.  ``keeps``: the present
+    gains stay.  ``smallest``: the least that can do; else the least for half of the fastest decay."""
 
     gains: Mapping[int, float]
     added: tuple[int, ...] = ()
     rivals: tuple[int, ...] = ()
     keeps: bool = False
     smallest: bool = True
-
-    def is_faster_than(self, other: PinProposal) -> bool:
-        """Whether this is for the same agents, for a decay that the smallest gains do not give."""
-        return other.smallest and not self.smallest and (self.added, self.keeps) == (other.added, other.keeps)
 
     def rounded(self, *, factor: float = 1.0) -> dict[int, Fraction]:
         """The gains times ``factor``, rounded up to two or three digits."""
@@ -53,30 +56,25 @@ class PinProposal:
 def rounded_up(value: float | Fraction) -> Fraction:
     """The next number >= value > 0 with two significant digits, or three where two would ask for too much."""
     exact = Fraction(value)
-    two = _ceiling(exact, 2)
-    return two if two <= exact * ENOUGH else _ceiling(exact, 3)
-
-
-def _ceiling(value: Fraction, digits: int) -> Fraction:
-    exponent = math.floor(math.log10(value.numerator) - math.log10(value.denominator))
-    unit = Fraction(10) ** (exponent - digits + 1)
-    return math.ceil(value / unit) * unit
+    exponent = math.floor(math.log10(exact.numerator) - math.log10(exact.denominator))
+    two, three = (math.ceil(exact / unit) * unit for unit in (Fraction(10) ** (exponent - k) for k in (1, 2)))
+    return two if two <= exact * ENOUGH else three
 
 
 def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> Iterator[PinProposal]:
     """The smallest gains on these agents, then those for half of the fastest decay; nothing if no gains can do.
-
-    ``proposal`` says what the gains are for; its own gains are not looked at.
-    """
+    ``proposal`` says what the gains are for; its own gains are not looked at."""
     least = smallest_gains(blocks, agents)
     if least is None:
         return
     if float(np.max(least, initial=0.0)) > 1e-9 * blocks.scale:
-        yield replace(proposal, gains=_by_agent(least), smallest=True)
-    rate = usual_rate(blocks, fastest_rate(blocks, agents))
-    faster = smallest_gains(for_rate(blocks, rate), agents)
+        yield replace(proposal, gains=dict(enumerate(least.tolist())), smallest=True)
+    rate = fastest_rate(blocks, agents) / 2
+    if not np.isfinite(rate):  # every gain > 0 would do
+        rate = blocks.scale / 8 if blocks.scale else 1.0
+    faster = smallest_gains(pinning.for_rate(blocks, rate), agents)
     if faster is not None:
-        yield replace(proposal, gains=_by_agent(faster), smallest=False)
+        yield replace(proposal, gains=dict(enumerate(faster.tolist())), smallest=False)
 
 
 def on_present_pins(problem: Problem) -> Iterator[PinProposal]:
@@ -90,10 +88,9 @@ def one_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[
     """The best agent to add: beside the present gains as they are, then with all gains chosen anew."""
     for blocks, pins in _grounds(problem):
         found = best_single(blocks, problem, pins=pins, progress=progress)
-        if found is not None:
-            added = (found.agent,)
-            proposal = PinProposal(gains={}, added=added, rivals=found.rivals, keeps=not pins)
-            yield from gains_on(blocks, (*pins, *added), proposal)
+        if found:
+            proposal = PinProposal(gains={}, added=found[:1], rivals=found[1:], keeps=not pins)
+            yield from gains_on(blocks, (*pins, found[0]), proposal)
 
 
 def several_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[PinProposal]:
@@ -104,8 +101,12 @@ def several_more(problem: Problem, *, progress: Progress | None = None) -> Itera
     added = small_set(blocks, problem, progress=progress)
     for ground, pins in _grounds(problem):
         yield from gains_on(ground, (*pins, *added), PinProposal(gains={}, added=added, keeps=not pins))
-    enough = max((_row_excess(table) for table in blocks.tables), default=0.0) / 2
-    gain = max(enough, blocks.scale / 8) * 1.01 or 1.0
+    enough = 0.0  # by how much the entries off the diagonal outweigh it, in the worst row (Gershgorin)
+    for table in blocks.tables:
+        diagonal = table.diagonal()
+        rows = np.asarray(abs(table).sum(axis=1)).ravel() - np.abs(diagonal)
+        enough = max(enough, float(np.max(rows - diagonal, initial=0.0)))
+    gain = max(enough / 2, blocks.scale / 8) * 1.01 or 1.0
     new = tuple(sorted(set(range(problem.n)) - set(problem.pinning.agents)))
     yield PinProposal(gains=dict.fromkeys(range(problem.n), gain), added=new, smallest=False)
 
@@ -120,22 +121,108 @@ def _grounds(problem: Problem) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
         yield free, problem.pinning.agents
 
 
-def _row_excess(table: sparse.csr_array) -> float:
-    """By how much the entries off the diagonal outweigh it, in the worst row (Gershgorin)."""
-    diagonal = table.diagonal()
-    rows = np.asarray(abs(table).sum(axis=1)).ravel() - np.abs(diagonal)
-    return float(np.max(rows - diagonal, initial=0.0))
+def groups_without_pin(problem: Problem) -> list[tuple[int, ...]]:
+    """The smallest sets that listen to nobody outside in one of the modes and hold no pin, each once."""
+    pinned = set(problem.pinning.agents)
+    found = (group for arcs in problem.network.modes.values() for group in closed_groups(problem, [arcs]))
+    return list(dict.fromkeys(group for group in found if not pinned & set(group)))
 
 
-def _by_agent(gains: Array) -> dict[int, float]:
-    return {agent: gain for agent, gain in enumerate(gains.tolist()) if gain > 0}
+def best_single(
+    blocks: Blocks, problem: Problem, *, pins: Sequence[int] = (), progress: Progress | None = None
+) -> tuple[int, ...]:
+    """The agent without a pin that, beside ``pins`` with gains chosen anew, needs the smallest total gain, then
+    those that need as little; empty if none can do.  Where any gain > 0 does, the one that holds the others best."""
+    totals: dict[int, float] = {}
+    candidates = _candidates(blocks, problem)
+    for place, agent in enumerate(candidates):
+        if progress is not None and place % (1 if problem.n > LARGE else 10) == 0:
+            progress(f"looking for the best agent to pin ({place} of {len(candidates)} tried)")
+        chosen = np.isin(np.arange(blocks.agents), (*pins, agent))
+        valid = pinning.valid_gains(blocks, chosen, np.ones(blocks.agents)) if blocks.z else None  # quick
+        gains = valid if blocks.z else smallest_gains(blocks, (*pins, agent))
+        if gains is not None:
+            totals[agent] = float(np.sum(gains))
+    if not totals:
+        return ()
+    least = min(totals.values())
+    if least <= NEARLY_ZERO * blocks.scale:
+        free = [agent for agent, total in totals.items() if total <= NEARLY_ZERO * blocks.scale]
+        totals = {agent: pinning.looseness(blocks, (*pins, agent)) for agent in free}
+        least = min(totals.values())
+    return tuple(sorted(agent for agent, total in totals.items() if total <= least * (1 + ALIKE)))
+
+
+def _candidates(blocks: Blocks, problem: Problem) -> list[int]:
+    """Agents in every closed group without a pin; of very many those that carry the slowest direction."""
+    pins = set(problem.pinning.agents)
+    common = set(range(problem.n)) - pins
+    for group in groups_without_pin(problem):
+        common &= set(group)
+    most = _affordable(problem.n)
+    if len(common) <= most:
+        return sorted(common)
+    free = np.array(sorted(set(range(problem.n)) - pins))
+    weights = _weights(blocks, free)
+    order = free[np.argsort(-np.round(weights / np.max(weights, initial=1e-300), 6), kind="stable")].tolist()
+    return [agent for agent in order if agent in common][:most]
+
+
+def _affordable(size: int) -> int:
+    """How many agents to try where each costs one solve of this size."""
+    return max(FEWEST, min(CANDIDATES, WORK // max(1, size) ** 2))
+
+
+def _weights(blocks: Blocks, agents: Array) -> Array:
+    """How much each of these agents carries of the slowest direction of the worst block."""
+    rows = rows_of(agents, blocks.width)
+    vector = min((pinning.lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
+    weights: Array = np.max(np.abs(vector.reshape(len(agents), blocks.width)), axis=1)
+    return weights
+
+
+def small_set(blocks: Blocks, problem: Problem, *, progress: Progress | None = None) -> tuple[int, ...]:
+    """Agents to add to the pins so that some gains can do: one of each closed group first, then greedily.  Never
+    more than are needed of those found: one that can be left out again is left out."""
+    pins = problem.pinning.agents
+    chosen = _one_of_each(blocks, groups_without_pin(problem))
+    needed = list(chosen)
+    while fastest_rate(blocks, (*pins, *chosen)) <= NEARLY_ZERO * blocks.scale:
+        free = np.setdiff1d(np.arange(problem.n), [*pins, *chosen])
+        if not len(free):
+            break
+        if progress is not None:
+            progress(f"choosing agents to pin ({len(chosen)} so far)")
+        most = max(1, min(LOOKED_AT, GREEDY_WORK // problem.n**2))
+        heavy = free[np.argsort(-_weights(blocks, free), kind="stable")][:most].tolist()
+        chosen.append(max(heavy, key=lambda agent: fastest_rate(blocks, (*pins, *chosen, agent))))
+    for agent in [a for a in chosen if a not in needed]:
+        others = [other for other in chosen if other != agent]
+        if fastest_rate(blocks, (*pins, *others)) > NEARLY_ZERO * blocks.scale:
+            chosen = others
+    return tuple(sorted(chosen))
+
+
+def _one_of_each(blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> list[int]:
+    """Agents that hit every group: those in most groups first, among them the one that holds its group best."""
+    left = [set(group) for group in groups]
+    chosen: list[int] = []
+    while left:
+        count = Counter(agent for group in left for agent in group)
+        most = max(count.values())
+        often = sorted(agent for agent, number in count.items() if number == most)
+        home = min((group for group in left if group & set(often)), key=lambda group: (len(group), min(group)))
+        outside = [other for other in range(blocks.agents) if other not in home]
+        local = [agent for agent in often if agent in home][: _affordable(len(home))]
+        loose = {agent: pinning.looseness(blocks, (*outside, agent)) for agent in local}
+        chosen.append(min(local, key=lambda agent: (float(f"{loose[agent]:.9g}"), agent)))  # rounded: ties are ties
+        left = [group for group in left if chosen[-1] not in group]
+    return chosen
 
 
 def scale_needed(problem: Problem, S: Matrix) -> float | None:
-    """The factor a beyond which Lambda + I (x) S / a < 0 in every mode, about; None if Lambda < 0 fails.
-
-    With (a P, a Q) in place of (P, Q) the border term S becomes S / a (theory, section 9).
-    """
+    """The factor a beyond which Lambda + I (x) S / a < 0 in every mode, about; None if Lambda < 0 fails.  With (a P,
+    a Q) in place of (P, Q) the border term S becomes S / a (theory, section 9)."""
     block = to_float(S)
     weight = float(np.max(np.linalg.eigvalsh(block), initial=0.0))
     worst = 0.0
@@ -145,12 +232,10 @@ def scale_needed(problem: Problem, S: Matrix) -> float | None:
         if not top < 0 or not math.isfinite(weight):
             return None
         high, low = weight / -top * (1 + 1e-12), 0.0  # with m = 1 and S = s I this is the answer
-        if len(block) > 1:
-            border = sparse.kron(sparse.eye_array(problem.n), sparse.csr_array(block))
-            low = 0.0
-            for _ in range(STEPS):
-                middle = (low + high) / 2
-                does = middle > 0 and largest_eigenvalue(sparse.coo_array(table + border / middle)).value < 0
-                low, high = (low, middle) if does else (middle, high)
+        border = sparse.kron(sparse.eye_array(problem.n), sparse.csr_array(block))
+        for _ in range(STEPS if len(block) > 1 else 0):
+            middle = (low + high) / 2
+            does = middle > 0 and largest_eigenvalue(sparse.coo_array(table + border / middle)).value < 0
+            low, high = (low, middle) if does else (middle, high)
         worst = max(worst, high)
     return worst

@@ -9,31 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design.conditions import numbers
 from dobc_design.conditions.check import Check, Values, Witness, agrees, differs, same_witness
-from dobc_design.conditions.consensus.claim import Pair, PairFacts, Shown, Statements, Unstable, omega, read_claim
-from dobc_design.conditions.consensus.negative import (
-    Enclosed,
-    find_witness,
-    is_negative,
-    lowest_quotient,
-    refuted_margin,
-    refutes,
-    shown_bound,
-    why_undecided,
-)
-from dobc_design.conditions.consensus.network import carriers, group_directions, reachability_check, refutation
-from dobc_design.conditions.numbers import (
-    VECTOR_BITS,
-    claimed,
-    has_short_denominator,
-    largest_proved,
-    read_rational,
-    shorten,
-)
+from dobc_design.conditions.consensus import claim, network
+from dobc_design.conditions.consensus.claim import ZERO, Pair, PairFacts, Shown, Statements, Unstable, omega
+from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, lowest_quotient, refutes
+from dobc_design.conditions.numbers import claimed, has_short_denominator, largest_proved, shorten
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpose
 from dobc_design.exact.number import number_text
@@ -45,52 +31,9 @@ from dobc_design.problem.groups import group_blocks, group_numbers
 from dobc_design.verdict import Verdict
 
 LARGEST_EXAMINED = 60  # rows; counting roots takes seconds there, minutes at twice the size
+# How a claim is not confirmed.
+NO_NUMBER, OTHER_VALUES = "it claims a number that this check does not have", "exact values are not what they say"
 MOST_COUNTING = 2_000_000  # rows^2 times the bits of the common denominator: as long as 60 rows with about 550 bits
-
-
-def unstable_roots(statements: Statements, mode: str) -> int:
-    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity.
-
-    0 also means "not examined": irrational slopes, more than 60 rows, or entries with so long a common denominator that
-    counting would take minutes.  With diagonal slopes >= 0 and scalar gains J - K has none (its rows are weakly
-    dominated by a diagonal <= 0).
-    """
-    jacobians = statements.jacobians
-    if jacobians is None or jacobians.size * jacobians.dimension > LARGEST_EXAMINED:
-        return 0
-    each = next(item for item in jacobians.modes if item.name == mode)
-    if not each.is_point or (each.is_nonnegative_diagonal and statements.problem.pinning.is_scalar):
-        return 0
-    matrix = linearisation(statements, mode)
-    if not has_short_denominator((x for row in matrix for x in row), MOST_COUNTING // len(matrix) ** 2):
-        return 0
-    return count_right_half_plane(characteristic_polynomial(matrix))
-
-
-def linearisation(statements: Statements, mode: str) -> Matrix:
-    """J - K of one mode, (n m) x (n m), for rational slopes (the middle of an interval otherwise)."""
-    jacobians = statements.jacobians
-    if jacobians is None:
-        return ()
-    each = next(item for item in jacobians.modes if item.name == mode)
-    m = jacobians.dimension
-    rows = [[Fraction(0)] * (jacobians.size * m) for _ in range(jacobians.size * m)]
-    for (listener, speaker, _), kind in zip(each.arcs, each.kind.tolist(), strict=True):
-        for c in range(m):
-            for d in range(m):
-                entry = each.gains[kind][c][d]
-                slope = (entry.lo + entry.hi) / 2
-                rows[listener * m + c][speaker * m + d] += slope
-                rows[listener * m + c][listener * m + d] -= slope
-    for agent, gain in statements.problem.pinning.gains.items():
-        for c in range(m):
-            for d in range(m):
-                rows[agent * m + c][agent * m + d] -= gain[c][d]
-    return tuple(tuple(row) for row in rows)
-
-
-ZERO = Fraction(0)
-Candidates = Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +42,24 @@ class Proposal:
 
     margin: float = 0.0
     rate: float = 0.0
-    vectors: Candidates = ()
+    vectors: network.Directions = ()
+
+
+def unstable_roots(statements: Statements, mode: str) -> int:
+    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity; 0 if not
+    examined.  With diagonal slopes >= 0 and scalar gains there are none (rows weakly dominated by a diagonal <= 0)."""
+    jacobians, pinning = statements.jacobians, statements.problem.pinning
+    size = 0 if jacobians is None else jacobians.size * jacobians.dimension
+    if jacobians is None or size > LARGEST_EXAMINED:
+        return 0
+    each = next(item for item in jacobians.modes if item.name == mode)
+    if not each.is_point or (each.is_nonnegative_diagonal and pinning.is_scalar):
+        return 0
+    entries = claim.linearisation(each, pinning, jacobians.dimension)
+    if not has_short_denominator(entries.values(), MOST_COUNTING // size**2):
+        return 0
+    matrix = tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
+    return count_right_half_plane(characteristic_polynomial(matrix))
 
 
 def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
@@ -109,15 +69,10 @@ def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
 
 
 def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float64]]) -> Statements:
-    """The statements with what these vectors v > 0 (n m,) prove about Lambda of large networks, by mode.
-
-    Vectors that prove no bound below 0 are left out.
-    """
-    shown = {}
-    for mode, vector in vectors.items():
-        bound = shown_bound(enclosed_lambda(statements, mode), vector)
-        if bound is not None and bound < 0:
-            shown[mode] = Shown(vector=vector, bound=bound)
+    """The statements with what these vectors v > 0 (n m,) prove about Lambda of large networks, by mode.  Vectors
+    that prove no bound below 0 are left out."""
+    bounds = {mode: network.shown_bound(enclosed_lambda(statements, mode), v) for mode, v in vectors.items()}
+    shown = {mode: Shown(vector=vectors[mode], bound=b) for mode, b in bounds.items() if b is not None and b < 0}
     return replace(statements, shown=shown)
 
 
@@ -131,44 +86,32 @@ def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
 
 def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check:
     """Decide Lambda(J) < 0 for one mode.  PROVED: V = e'e decreases, V' <= -2 rate V near the target."""
+    check = partial(Check, id="lemma1", mode=mode, domain=statements.domain)
     if statements.inapplicable is not None:
-        return _not_applicable("lemma1", statements, mode=mode)
+        return check(verdict=Verdict.UNDECIDED, reason=statements.inapplicable)
     matrix = enclosed_lambda(statements, mode)
     margin = largest_proved(proposal.margin, lambda shift: is_negative(matrix, shift=shift))
     if margin is not None:
-        return Check(
-            id="lemma1",
-            mode=mode,
+        most = f", lambda_max <= {-shorten(margin, digits=6):.6g}" if margin else ""
+        return check(
             verdict=Verdict.PROVED,
-            domain=statements.domain,
             margin=margin,
             rate=shorten(claimed(margin) / 2) or None,
             claim=statements.shown.get(mode),
-            reason="Lambda(J) < 0"
-            + (f", lambda_max <= {-shorten(margin, digits=6):.6g}" if margin else "")
-            + f": V = e'e decreases{_where(statements)}.",
+            reason=f"Lambda(J) < 0{most}: V = e'e decreases{_where(statements)}.",
         )
     problem = statements.problem
-    alone = unreached(problem, [problem.network.modes[mode]])
-    vector = find_witness(matrix, [*group_directions(problem, problem.network.modes[mode]), *proposal.vectors])
+    arcs = problem.network.modes[mode]
+    vector = find_witness(matrix, [*network.group_directions(problem, arcs), *proposal.vectors])
     if vector is None:
-        return Check(
-            id="lemma1",
-            mode=mode,
-            verdict=Verdict.UNDECIDED,
-            domain=statements.domain,
-            reason=f"lambda_max(Lambda) {why_undecided(matrix)}",
-        )
-    value = matrix.value(vector)
-    claim = Unstable(roots=unstable_roots(statements, mode), value=value.lo if value.is_point else None)
-    return Check(
-        id="lemma1",
-        mode=mode,
+        reason = f"lambda_max(Lambda) {network.why_undecided(matrix)}"
+        return check(verdict=Verdict.UNDECIDED, reason=reason)
+    value, roots = matrix.value(vector), unstable_roots(statements, mode)
+    return check(
         verdict=Verdict.REFUTED,
-        domain=statements.domain,
-        margin=refuted_margin(matrix, vector),
-        reason=refutation(problem, vector, alone=alone, roots=claim.roots),
-        claim=claim,
+        margin=network.refuted_margin(matrix, vector),
+        reason=network.refutation(problem, vector, alone=unreached(problem, [arcs]), roots=roots),
+        claim=Unstable(roots=roots, value=value.lo if value.is_point else None),
         witness=lambda_witness(statements, vector),
     )
 
@@ -184,25 +127,65 @@ def theorem_check(
     obstacle: Check | None,
     printed: bool = False,
 ) -> Check:
-    """Decide Theorem 1 or 2 for the pair, or refute it for every pair.
-
-    ``lemmas`` are the decided Lemma 1 checks of all modes; ``obstacle`` is a refuted detectability or
-    Hurwitz check, which alone rules out every pair.  ``printed``: the pair is the user's own.
-    """
+    """Decide Theorem 1 or 2 for the pair (``printed``: the user's own), or refute it for every pair: by the decided
+    Lemma 1 of a mode, or by an ``obstacle``, a refuted detectability or Hurwitz check."""
+    undecided = partial(Check, id=id, verdict=Verdict.UNDECIDED, domain=statements.domain)
     if statements.inapplicable is not None:
-        return _not_applicable(id, statements)
+        return undecided(reason=statements.inapplicable)
     if not printed:
         general = _refuted_for_every_pair(id, statements, lemmas, obstacle)
         if general is not None:
             return general
     if pair is None:
+        reason = "no pair (P, Q) was found, though none of the known obstacles stands in the way; give W and P."
+        return undecided(reason=reason)
+    refuted = partial(Check, id=id, verdict=Verdict.REFUTED, domain=statements.domain)
+    not_p = "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function."
+    not_omega = "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can make V grow."
+    blocks = {"P": SparseSymmetric.from_dense(pair.P), "Omega0": omega(pair.P, pair.Q, exosystem).negated()}
+    for (block, matrix), what in zip(blocks.items(), (not_p, not_omega), strict=True):
+        vector = decide_positive_definite(matrix).witness
+        if vector is not None:
+            reason = f"{what} Another P may do."
+            return refuted(reason=reason, claim=Values({"block": block}), witness=vector_witness(vector))
+    S = schur_block(pair, exosystem)
+    modes = {} if S is None else {mode: lambda_with(statements, mode, S) for mode in statements.lambdas}
+    margin = largest_proved(
+        proposal.margin, lambda shift: bool(modes) and all(is_negative(each, shift=shift) for each in modes.values())
+    )
+    if S is not None and margin is not None:
+        rate = largest_proved(proposal.rate, lambda b: psi_is_negative(statements, exosystem, pair, rate=b))
+        name = "the P given" if printed else "a rational P"
+        common = "" if len(modes) == 1 else f" with one P for all {len(modes)} modes"
+        pace = f", V' <= -2 ({shorten(rate, digits=4):.4g}) V." if rate else "."
         return Check(
             id=id,
-            verdict=Verdict.UNDECIDED,
+            verdict=Verdict.PROVED,
             domain=statements.domain,
-            reason="no pair (P, Q) was found, though none of the known obstacles stands in the way; give W and P.",
+            margin=margin,
+            rate=rate or None,
+            claim=PairFacts(pair=pair, S=S),
+            reason=f"Psi < 0 holds exactly for {name}{common}: V = e'e + sum eps_i' P eps_i"
+            f" decreases{_where(statements)}{pace}",
         )
-    return _decide_pair(id, statements, exosystem, pair, proposal, printed=printed)
+    for mode, enclosed in modes.items():
+        vector = find_witness(enclosed, proposal.vectors)
+        if vector is None or S is None:
+            continue
+        facts = PairFacts(pair=pair, S=S, mode=mode)
+        bound = "" if facts.bound is None else f" It needs lambda_max(Lambda) < {number_text(facts.bound)}."
+        fix = " Another P may do: see the check for a new P." if printed else ""
+        where = f" in mode {mode}" if len(modes) > 1 else ""
+        return refuted(
+            margin=network.refuted_margin(enclosed, vector),
+            reason=f"Psi is not negative definite for this P{where}: v'(Lambda + I (x) S)v >= 0 for the vector shown."
+            f"{bound}{fix}",
+            claim=facts,
+            witness=lambda_witness(statements, vector),
+        )
+    matrices = [enclosed_lambda(statements, mode) for mode in statements.lambdas]
+    widest = max(matrices, key=lambda each: len(each.deviations))
+    return undecided(reason=f"lambda_max of Lambda + I (x) S {network.why_undecided(widest)}")
 
 
 def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Matrix | None:
@@ -226,99 +209,23 @@ def psi_is_negative(
     )
 
 
-def _decide_pair(
-    id: str, statements: Statements, exosystem: Exosystem, pair: Pair, proposal: Proposal, *, printed: bool
-) -> Check:
-    for kind, matrix in (
-        ("P", SparseSymmetric.from_dense(pair.P)),
-        ("Omega0", omega(pair.P, pair.Q, exosystem).negated()),
-    ):
-        decision = decide_positive_definite(matrix)
-        if decision.verdict is not Verdict.PROVED and decision.witness is not None:
-            return _refuted_block(id, statements, kind, decision.witness)
-    S = schur_block(pair, exosystem)
-    if S is None:  # unreachable: Omega0 < 0 was just proved
-        return _not_found(id, statements)
-    modes = {mode: lambda_with(statements, mode, S) for mode in statements.lambdas}
-    facts = PairFacts(pair=pair, S=S)
-    margin = largest_proved(
-        proposal.margin, lambda shift: all(is_negative(each, shift=shift) for each in modes.values())
-    )
-    if margin is None:
-        return _refuted_pair(id, statements, modes, proposal, facts=facts, printed=printed)
-    rate = largest_proved(proposal.rate, lambda b: psi_is_negative(statements, exosystem, pair, rate=b))
-    name = "the P given" if printed else "a rational P"
-    common = "" if len(modes) == 1 else f" with one P for all {len(modes)} modes"
-    return Check(
-        id=id,
-        verdict=Verdict.PROVED,
-        domain=statements.domain,
-        margin=margin,
-        rate=rate or None,
-        claim=facts,
-        reason=f"Psi < 0 holds exactly for {name}{common}: V = e'e + sum eps_i' P eps_i decreases{_where(statements)}"
-        + (f", V' <= -2 ({shorten(rate, digits=4):.4g}) V." if rate else "."),
-    )
-
-
-def _refuted_pair(
-    id: str,
-    statements: Statements,
-    modes: Mapping[str, Enclosed],
-    proposal: Proposal,
-    *,
-    facts: PairFacts,
-    printed: bool,
-) -> Check:
-    for mode, matrix in modes.items():
-        vector = find_witness(matrix, proposal.vectors)
-        if vector is None:
-            continue
-        bound = "" if facts.bound is None else f" It needs lambda_max(Lambda) < {number_text(facts.bound)}."
-        fix = " Another P may do: see the check for a new P." if printed else ""
-        where = f" in mode {mode}" if len(modes) > 1 else ""
-        return Check(
-            id=id,
-            verdict=Verdict.REFUTED,
-            domain=statements.domain,
-            margin=refuted_margin(matrix, vector),
-            reason=f"Psi is not negative definite for this P{where}: v'(Lambda + I (x) S)v >= 0 for the vector shown."
-            f"{bound}{fix}",
-            claim=replace(facts, mode=mode),
-            witness=lambda_witness(statements, vector),
-        )
-    return _not_found(id, statements)
-
-
-def _refuted_block(id: str, statements: Statements, kind: str, witness: Vector) -> Check:
-    what = {
-        "P": "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function.",
-        "Omega0": "PA + A'P - QC - C'Q' is not negative definite: the estimation error alone can make V grow.",
-    }[kind]
-    return Check(
-        id=id,
-        verdict=Verdict.REFUTED,
-        domain=statements.domain,
-        reason=f"{what} Another P may do.",
-        claim=Values({"block": kind}),
-        witness=vector_witness(witness),
-    )
-
-
 def vector_witness(vector: Vector) -> Witness:
     """A direction in which a matrix is not definite."""
     return Witness(kind="vector", values=tuple(number_text(x) for x in vector))
 
 
+def lambda_witness(statements: Statements, vector: Vector) -> Witness:
+    """A direction of the network, with the labels of the agents that move in it."""
+    return replace(vector_witness(vector), labels=network.carriers(statements.problem, vector))
+
+
 def _refuted_for_every_pair(
     id: str, statements: Statements, lemmas: Sequence[Check], obstacle: Check | None
 ) -> Check | None:
+    refuted = partial(Check, id=id, verdict=Verdict.REFUTED, domain=statements.domain)
     for lemma in lemmas:
         if lemma.verdict is Verdict.REFUTED:
-            return Check(
-                id=id,
-                verdict=Verdict.REFUTED,
-                domain=statements.domain,
+            return refuted(
                 margin=lemma.margin,
                 reason=f"no P and Q satisfy Psi < 0, because Lambda(J) is not negative definite in mode {lemma.mode}: "
                 + lemma.reason,
@@ -326,78 +233,39 @@ def _refuted_for_every_pair(
                 witness=lemma.witness,
             )
     if obstacle is not None:
-        return Check(
-            id=id,
-            verdict=Verdict.REFUTED,
-            domain=statements.domain,
-            reason=f"{_who_fails(obstacle)}: {obstacle.reason}",
+        who = "no P with Q = P W satisfies Psi < 0 for this W"
+        return refuted(
+            reason=f"{who if obstacle.id == 'hurwitz' else 'no P and Q satisfy Psi < 0'}: {obstacle.reason}",
             claim=Values({"block": obstacle.id} | ({} if obstacle.group is None else {"group": obstacle.group})),
             witness=obstacle.witness,
             fix=obstacle.fix,
         )
-    undecided = next((lemma for lemma in lemmas if lemma.verdict is Verdict.UNDECIDED), None)
-    if undecided is not None:
-        return Check(
-            id=id,
-            verdict=Verdict.UNDECIDED,
-            domain=statements.domain,
-            reason=f"Lambda(J) < 0 could not be decided: {undecided.reason}",
-        )
+    for lemma in lemmas:
+        if lemma.verdict is Verdict.UNDECIDED:
+            reason = f"Lambda(J) < 0 could not be decided: {lemma.reason}"
+            return Check(id=id, verdict=Verdict.UNDECIDED, domain=statements.domain, reason=reason)
     return None
-
-
-def lambda_witness(statements: Statements, vector: Vector) -> Witness:
-    """A direction of the network, with the labels of the agents that move in it."""
-    carried = carriers(statements.problem, vector)
-    return Witness(kind="vector", labels=carried, values=tuple(number_text(x) for x in vector))
 
 
 def _where(statements: Statements) -> str:
     return " everywhere (the couplings are linear)" if statements.domain == "global" else " near the target"
 
 
-def _not_applicable(id: str, statements: Statements, *, mode: str | None = None) -> Check:
-    return Check(
-        id=id, mode=mode, verdict=Verdict.UNDECIDED, domain=statements.domain, reason=statements.inapplicable or ""
-    )
-
-
-def _not_found(id: str, statements: Statements) -> Check:
-    matrices = [enclosed_lambda(statements, mode) for mode in statements.lambdas]
-    widest = max(matrices, key=lambda each: len(each.deviations))
-    return Check(
-        id=id,
-        verdict=Verdict.UNDECIDED,
-        domain=statements.domain,
-        reason=f"lambda_max of Lambda + I (x) S {why_undecided(widest)}",
-    )
-
-
-def _who_fails(obstacle: Check) -> str:
-    if obstacle.id == "hurwitz":
-        return "no P with Q = P W satisfies Psi < 0 for this W"
-    return "no P and Q satisfy Psi < 0"
-
-
 def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | None:
-    """None if everything that a proved or refuted check of this topic claims is confirmed, else what is not.
-
-    ``pair``: that of the certificate.  A theorem that is refuted by the observer is not for here.
-    Raises what a malformed claim raises.
-    """
+    """None if everything that a proved or refuted check of this topic claims is confirmed, with the certificate's pair,
+    else what is not; a theorem refuted by the observer is not for here.  Raises what a malformed claim raises."""
     problem = statements.problem
     if check.id == "reachability":
-        numbers = "it claims a number that this check does not have"
-        wrong = differs(check, reachability_check(problem, str(check.mode)))
-        return wrong or (None if check.margin is check.rate is None else numbers)
+        if check.margin is not None or check.rate is not None:
+            return NO_NUMBER
+        return differs(check, network.reachability_check(problem, str(check.mode)))
     if statements.inapplicable is not None:
         return "the theorems do not apply to this coupling"
     if check.kind.role == "given":
         own = problem.joint_observer
         pair = None if own.P is None or own.W is None else Pair(P=own.P, Q=multiply(own.P, own.W))
-    if check.verdict is Verdict.PROVED:
-        return _confirm_proved(check, statements, pair)
-    return _confirm_refuted(check, statements, pair)
+    decide = _confirm_proved if check.verdict is Verdict.PROVED else _confirm_refuted
+    return decide(check, statements, pair)
 
 
 def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> str | None:
@@ -419,31 +287,26 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
     if rate and not psi_is_negative(statements, exosystem, pair, rate=rate):
         return f"the rate {check.rate} is not reached"
     S = schur_block(pair, exosystem)
-    return None if S is not None and _says(check, PairFacts(pair=pair, S=S)) else "exact values are not what they say"
+    return None if S is not None and agrees(check.exact, PairFacts(pair=pair, S=S).to_json()) else OTHER_VALUES
 
 
 def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) -> str | None:
     if check.rate is not None or (check.margin is not None and check.margin > 0):
         return "a refuted check must claim no rate and no positive margin"
-    exact = check.exact or {}
+    exact, vector = check.exact or {}, _vector(check)
     if check.id == "lemma1":
-        claim, mode, vector = read_claim(check, statements.problem, None), str(check.mode), _vector(check)
-        if not isinstance(claim, Unstable) or not _follows(claim, statements, mode, vector):
-            return "exact values are not what they say"
+        mode, said = str(check.mode), claim.read_claim(check, statements.problem, None)
+        if not isinstance(said, Unstable) or (said.roots and said.roots > unstable_roots(statements, mode)):
+            return OTHER_VALUES
+        if said.value is not None and said.value > enclosed_lambda(statements, mode).value(vector).lo:
+            return OTHER_VALUES
         return _confirm_lambda(check, statements, mode, vector)
     if check.kind.role == "given":
-        return _confirm_printed(check, statements, pair, _vector(check))
+        return _confirm_printed(check, statements, pair, vector)
     mode = str(exact.get("mode", check.mode))
     if mode not in statements.lambdas or exact != {"block": "Lambda", "mode": mode}:
         return "one pair failing says nothing about the others"
-    return _confirm_lambda(check, statements, mode, _vector(check))
-
-
-def _follows(claim: Unstable, statements: Statements, mode: str, vector: Vector) -> bool:
-    """Whether the lower bounds of the unstable roots and of v' Lambda v hold."""
-    if claim.roots and claim.roots > unstable_roots(statements, mode):
-        return False
-    return claim.value is None or claim.value <= enclosed_lambda(statements, mode).value(vector).lo
+    return _confirm_lambda(check, statements, mode, vector)
 
 
 def _confirm_lambda(
@@ -468,21 +331,18 @@ def _confirm_printed(check: Check, statements: Statements, pair: Pair | None, ve
     block = exact.get("block")
     if block in ("P", "Omega0"):
         if exact != {"block": block} or check.margin is not None:
-            return "it claims a number that this check does not have"
+            return NO_NUMBER
         if not same_witness(check.witness, vector_witness(vector)):
             return "it needs a vector without labels"
         P_negated = SparseSymmetric.from_dense(pair.P).negated()
         matrix = Enclosed(middle=P_negated if block == "P" else omega(pair.P, pair.Q, exosystem))
         return None if refutes(matrix, vector) else f"the vector does not refute {block}"
     S, mode = schur_block(pair, exosystem), exact.get("mode")
-    if S is None or mode not in list(statements.lambdas) or not _says(check, PairFacts(pair=pair, S=S, mode=mode)):
-        return "exact values are not what they say"
+    known = S is not None and mode in list(statements.lambdas)
+    if S is None or not known or not agrees(exact, PairFacts(pair=pair, S=S, mode=mode).to_json()):
+        return OTHER_VALUES
     # Omega0 < 0 is proved by now, so that Lambda + I (x) S decides (theory, the Reduction).
     return _confirm_lambda(check, statements, str(mode), vector, S=S)
-
-
-def _says(check: Check, facts: PairFacts) -> bool:
-    return agrees(check.exact, facts.to_json())
 
 
 def _exosystem(statements: Statements) -> Exosystem:
@@ -495,7 +355,7 @@ def _exosystem(statements: Statements) -> Exosystem:
 def _vector(check: Check) -> Vector:
     if check.witness is None or check.witness.kind != "vector" or check.witness.values is None:
         raise ValueError("a refuted condition must bring a vector")
-    vector = tuple(read_rational(text) for text in check.witness.values)
-    if not has_short_denominator(vector, VECTOR_BITS):  # a forger's: evaluating it would take minutes
-        raise ValueError(f"the vector needs a common denominator of more than {VECTOR_BITS} bits")
+    vector = tuple(numbers.read_rational(text) for text in check.witness.values)
+    if not has_short_denominator(vector, numbers.VECTOR_BITS):  # a forger's: evaluating it would take minutes
+        raise ValueError(f"the vector needs a common denominator of more than {numbers.VECTOR_BITS} bits")
     return vector

@@ -1,59 +1,231 @@
-"""What the graph alone decides, and witnesses against Lambda < 0 told by the agents that carry them.
+"""Lambda < 0 for an enclosed matrix: proved, refuted by a vector, or undecided; and what the graph alone decides.
 
-If a set S of agents listens to nobody outside S and holds no pin, e_S = c is an equilibrium for every c, so consensus
-fails; and the indicator of S is a vector v with v' Lambda v = 0 (theory, section 2).  Vectors v != 0 with v' Lambda v
->= 0 that move few agents say who is not held; proposals from floating point are multiplied out exactly.
+The matrix is known up to its irrational slopes (``exact.pencil.Deviation``).  If a set S of agents listens to nobody
+outside S and holds no pin, consensus fails, and v' Lambda v = 0 for the indicator v of S (theory, section 2).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Witness
-from dobc_design.conditions.consensus.negative import Enclosed, find_witness
-from dobc_design.exact.matrix import Vector, identity, nullspace
+from dobc_design.conditions.consensus.claim import Deviations
+from dobc_design.conditions.numbers import shorten
+from dobc_design.exact.definite import decide_positive_definite
+from dobc_design.exact.interval import Interval
+from dobc_design.exact.matrix import Matrix, Vector, identity, nullspace
+from dobc_design.exact.number import float_above
+from dobc_design.exact.pencil import Deviation
+from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric, Symmetric, in_integers
+from dobc_design.exact.zmatrix import row_bound
 from dobc_design.problem.arrays import closed_groups, unreached
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+ZERO = Fraction(0)
+TOPS = (1, 2, 3, 5, 9, 20, 99, 9999)  # the largest entry of a rounded direction
+LONG, SHORT = 1024, 256  # bits of entries that are rounded first, and of what they are rounded to
+MOST_WORK = 20_000_000  # products in an elimination of more than 2000 rows, some tens of seconds
+LARGEST_SUPPORT = 300  # rows up to which a candidate's rows are eliminated
+LARGEST = 500  # rows up to which the agents without a pin are eliminated
 SHOWN = 8
+
+Directions = Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Enclosed:
+    """middle + a block for each agent (one for all, or those that ``owners`` says) + deviations, each with any |t|
+    <= size. ``bound``: a number that is proved to be at least the largest eigenvalue of middle + deviations."""
+
+    middle: Symmetric
+    deviations: Sequence[Deviation] = ()
+    blocks: tuple[Matrix, ...] = ()
+    owners: Sequence[int] = ()
+    bound: Fraction | None = None
+
+    @property
+    def total(self) -> Symmetric:
+        """The middle with the blocks."""
+        if not self.blocks:
+            return self.middle
+        m = len(self.blocks[0])
+        owners = self.owners or (0,) * (self.middle.size // m)
+        entries = {
+            (agent * m + i, agent * m + j): self.blocks[owner][i][j]
+            for agent, owner in enumerate(owners)
+            for i in range(m)
+            for j in range(i, m)
+        }
+        return self.middle + SparseSymmetric(self.middle.size, entries)
+
+    @property
+    def radius(self) -> Fraction:
+        """A bound of the spectral norm of all deviations together: their largest row sum of absolute values."""
+        given = self.deviations
+        if isinstance(given, Deviations):  # very many: in floats rounded up, unless these do not hold it
+            sizes = np.array([float_above(x) for x in given.sizes])[given.kinds]
+            row_sums, counts = np.zeros(self.middle.size), np.zeros(self.middle.size)
+            for rows in (given.rows, given.rows, given.speakers, given.listeners):
+                row_sums += np.bincount(rows, sizes, self.middle.size)
+                counts += np.bincount(rows, minlength=self.middle.size)
+            largest = float(np.max(row_sums * (1 + (counts + 8) * 2.0**-52)))
+            if math.isfinite(largest):
+                return Fraction(largest)
+        sums: dict[int, Fraction] = {}
+        for each in given:
+            for row in (each.row, each.row, each.speaker, each.listener):
+                sums[row] = sums.get(row, ZERO) + each.size
+        return max(sums.values(), default=ZERO)
+
+    def value(self, vector: Sequence[Fraction]) -> Interval:
+        """Enclose v'Mv: a point where no irrational slope takes part."""
+        v, middle = vector, self.total.quadratic_form(vector)
+        spread = sum((2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in self.deviations), ZERO)
+        return Interval(middle - spread, middle + spread)
+
+    def plus_blocks(self, blocks: Sequence[Matrix], owners: Sequence[int] = ()) -> Enclosed:
+        """Add a block for each agent: the one of the number in ``owners``, or the only one for all.  Raises:
+        ValueError if they do not fit."""
+        agents = len(owners) if owners else self.middle.size // len(blocks[0])
+        if agents * len(blocks[0]) != self.middle.size or (len(blocks) > 1 and not owners):
+            raise ValueError(f"{agents} blocks of {len(blocks[0])} rows do not make {self.middle.size} rows")
+        return replace(self, blocks=tuple(blocks), owners=owners)
+
+
+def shown_bound(matrix: Enclosed, vector: NDArray[np.float64]) -> Fraction | None:
+    """A number that v > 0 (rows,) proves to be at least the largest eigenvalue of all but the blocks; None if none."""
+    middle = matrix.middle if isinstance(matrix.middle, IntegerSymmetric) else in_integers(matrix.middle)
+    bound = math.inf if middle is None else row_bound(middle, vector)
+    return Fraction(bound) + matrix.radius if math.isfinite(bound) else None
+
+
+def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
+    """Whether matrix + shift I < 0 is proved for everything enclosed.  A matrix with a ``bound`` is decided by it:
+    nothing sharper is looked for."""
+    if matrix.bound is not None:
+        room = -matrix.bound - shift
+        blocks = [SparseSymmetric.from_dense(block) for block in matrix.blocks or (((ZERO,),),)]
+        upper = [block.negated().shifted(room) for block in blocks]
+        return all(decide_positive_definite(each).verdict is Verdict.PROVED for each in upper)
+    whole = matrix.total.shifted(matrix.radius + shift).negated()
+    short = None if isinstance(whole, IntegerSymmetric) else _shorter(whole)
+    tried = [each for each in (short, whole) if each is not None]
+    return any(decide_positive_definite(each, most_work=MOST_WORK).verdict is Verdict.PROVED for each in tried)
+
+
+def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
+    """A matrix below it (in the sense of <=) with short entries, where they are long, because elimination multiplies
+    digits; else None.  Rounding to multiples of u changes the matrix by at most u/2 times its longest row."""
+    sizes = [max(x.numerator.bit_length(), x.denominator.bit_length()) for x in matrix.entries.values()]
+    if max(sizes, default=0) <= LONG:
+        return None
+    lengths: dict[int, int] = {}
+    for i, j in matrix.entries:
+        for row in {i, j}:
+            lengths[row] = lengths.get(row, 0) + 1
+    largest = max(abs(x) for x in matrix.entries.values())
+    unit = Fraction(2) ** (largest.numerator.bit_length() - largest.denominator.bit_length() - SHORT)
+    rounded = {place: round(x / unit) * unit for place, x in matrix.entries.items()}
+    return SparseSymmetric(matrix.size, rounded).shifted(-unit / 2 * max(lengths.values()))
+
+
+def why_undecided(matrix: Enclosed) -> str:
+    """What to say where neither M < 0 nor a witness against it was found."""
+    if matrix.deviations:
+        return "is closer to 0 than the irrational slopes of h are known; change a gain a little."
+    return (
+        f"was not told from 0: with {matrix.middle.size} rows the exact elimination would take too long. Change a gain"
+        " a little, or use couplings that act by component with slopes >= 0, which need no elimination."
+    )
+
+
+def refutes(matrix: Enclosed, vector: Sequence[Fraction]) -> bool:
+    """Whether v has as many entries as the matrix rows, is not 0, and v'Mv >= 0 for everything enclosed."""
+    return len(vector) == matrix.middle.size and any(vector) and matrix.value(vector).lo >= 0
+
+
+def lowest_quotient(matrix: Enclosed, vector: Sequence[Fraction]) -> Fraction:
+    """A lower bound of v'Mv / v'v, hence of lambda_max, for everything enclosed.  v is not 0."""
+    return matrix.value(vector).lo / sum((x * x for x in vector), ZERO)
+
+
+def refuted_margin(matrix: Enclosed, vector: Sequence[Fraction]) -> float:
+    """Minus the lowest quotient, rounded towards 0: lambda_max is at least minus this number.  At most 0."""
+    return 0.0 - shorten(lowest_quotient(matrix, vector))
+
+
+def find_witness(
+    matrix: Enclosed, candidates: Iterable[Sequence[float]], *, rows: Sequence[int] | None = None
+) -> Vector | None:
+    """A rational v != 0 with v'Mv >= 0 proved, or None if M < 0 (or the deviations hide the answer, or M is too large).
+
+    ``candidates`` come first, those with few entries before others, rounded to small integers, because they read
+    better; last comes the elimination of ``rows`` (None: all), which none may leave.
+    """
+    allowed = set(range(matrix.middle.size) if rows is None else rows)
+    supports = [([row for row, x in enumerate(each) if x], each) for each in candidates]
+    for support, candidate in sorted(supports, key=lambda pair: len(pair[0])):
+        if not support or len(candidate) != matrix.middle.size or not allowed >= set(support):
+            continue
+        for vector in _roundings(candidate):
+            if refutes(matrix, vector):
+                return vector
+        if len(support) < matrix.middle.size and len(support) <= LARGEST_SUPPORT:
+            found = _eliminated(matrix, support)
+            if found is not None:
+                return found
+    return _eliminated(matrix, range(matrix.middle.size) if rows is None else rows)
+
+
+def _eliminated(matrix: Enclosed, rows: Sequence[int]) -> Vector | None:
+    """The elimination's own witness on these rows, zero elsewhere.  v'(middle)v >= radius v'v, so v refutes whatever
+    the deviations are."""
+    shifted = matrix.total.shifted(-matrix.radius).negated()
+    if len(rows) == matrix.middle.size:
+        return decide_positive_definite(shifted, most_work=MOST_WORK).witness
+    found = decide_positive_definite(shifted.restricted(rows), most_work=MOST_WORK).witness
+    if found is None:
+        return None
+    values = dict(zip(rows, found, strict=True))
+    return tuple(values.get(row, ZERO) for row in range(matrix.middle.size))
+
+
+def _roundings(candidate: Sequence[float]) -> Iterable[Vector]:
+    largest = max(map(abs, candidate), default=0.0)
+    if 0 < largest < math.inf:
+        for top in TOPS:
+            vector = tuple(Fraction(round(x / largest * top)) for x in candidate)
+            if any(vector):
+                yield vector
 
 
 def reachability_check(problem: Problem, mode: str) -> Check:
     """Decide for one mode whether every agent is reached from a pinned one."""
-    missing = unreached(problem, [problem.network.modes[mode]])
-    if not missing:
-        return Check(
-            id="reachability",
-            mode=mode,
-            verdict=Verdict.PROVED,
-            domain="global",
-            reason="every agent is reached from a pinned agent.",
-        )
-    labels = tuple(problem.network.labels[i] for i in missing)
-    whom = "it" if len(labels) == 1 else "them"
+    check = partial(Check, id="reachability", mode=mode, domain="global")
+    arcs = [problem.network.modes[mode]]
+    labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
+    if not labels:
+        return check(verdict=Verdict.PROVED, reason="every agent is reached from a pinned agent.")
+    whom, hear = ("it", "hears") if len(labels) == 1 else ("them", "hear")
     pins = f"no pinned agent reaches {whom}" if problem.pinning.agents else "there is no pinned agent"
-    return Check(
-        id="reachability",
-        mode=mode,
-        verdict=Verdict.REFUTED,
-        domain="global",
-        reason=f"{name_agents(labels)} {'hears' if len(labels) == 1 else 'hear'} no pinned agent: {pins}."
-        f" {cure_in_words(problem, [problem.network.modes[mode]])}",
-        witness=Witness(kind="agents", labels=labels),
-    )
+    reason = f"{name_agents(labels)} {hear} no pinned agent: {pins}. {cure_in_words(problem, arcs)}"
+    return check(verdict=Verdict.REFUTED, reason=reason, witness=Witness(kind="agents", labels=labels))
 
 
 def unheld_groups(
     problem: Problem, arcs: Iterable[Arcs] | None = None
 ) -> Iterator[tuple[tuple[int, ...], tuple[Vector, ...]]]:
-    """Smallest sets S of agents that listen to nobody outside, with directions c != 0, k_i c = 0 on S.
-
-    ``arcs``: the modes to put together, all of them by default.  Then e_S = c, eps = 0 is an equilibrium whatever
-    the others do.  With scalar gains such a set is one without a pin, and every direction is free.
-    """
+    """Smallest sets S of agents that listen to nobody outside, in ``arcs`` (None: all modes together), with directions
+    c != 0, k_i c = 0 on S: then e_S = c, eps = 0 is an equilibrium.  With scalar gains: S has no pin, c is any."""
     for group in closed_groups(problem, problem.network.modes.values() if arcs is None else arcs):
         gains = [problem.pinning.gains[i] for i in group if i in problem.pinning.gains]
         free = nullspace(tuple(row for gain in gains for row in gain)) if gains else identity(problem.m)
@@ -82,22 +254,14 @@ def name_agents(labels: Sequence[str]) -> str:
     return f"agents {', '.join(labels[:-1])} and {labels[-1]}"
 
 
-Directions = Sequence[Sequence[float]]
-LARGEST = 500  # rows up to which the agents without a pin are eliminated
-
-
 def group_directions(problem: Problem, arcs: Arcs) -> list[list[float]]:
-    """For every closed group of one mode whose gains leave a direction c free: the group moved along c.
-
-    The group listens to nobody outside and k_i c = 0 in it, so J e = 0 and e'K e = 0: the value is exactly 0.
-    """
-    m = problem.m
+    """For every closed group of one mode whose gains leave a direction c free: the group moved along c.  The group
+    listens to nobody outside and k_i c = 0 in it, so J e = 0 and e'K e = 0: the value is exactly 0."""
     found = []
     for group, free in unheld_groups(problem, [arcs]):
-        vector = [0.0] * (problem.n * m)
-        for agent in group:
-            vector[agent * m : (agent + 1) * m] = [float(x) for x in free[0]]
-        found.append(vector)
+        vector = np.zeros((problem.n, problem.m))
+        vector[list(group)] = [float(x) for x in free[0]]
+        found.append(vector.ravel().tolist())
     return found
 
 
@@ -105,9 +269,7 @@ def unpinned_witness(
     problem: Problem, matrices: Mapping[str, Enclosed], directions: Mapping[str, Directions]
 ) -> tuple[str, Vector] | None:
     """A mode and a v with v' Lambda v >= 0 that moves no pinned agent: then no gains on the present pins can do.
-
-    ``matrices``: Lambda of every mode.  None: none was found (or some gains can do).
-    """
+    ``matrices``: Lambda of every mode.  None: none was found (or some gains can do)."""
     pinned = set(problem.pinning.agents)
     rows = [row for row in range(problem.n * problem.m) if row // problem.m not in pinned]
     for mode, matrix in matrices.items():
@@ -129,8 +291,8 @@ def refutation(problem: Problem, vector: Vector, *, alone: Sequence[int], roots:
     moved = carriers(problem, vector)
     labels = tuple(problem.network.labels[i] for i in alone)
     if labels and set(moved) <= set(labels):
-        them = "it" if len(labels) == 1 else "them"
-        text = f"{name_agents(labels)} hear{'s' if len(labels) == 1 else ''} no pinned agent, so nothing holds {them}:"
+        hears, them = ("hears", "it") if len(labels) == 1 else ("hear", "them")
+        text = f"{name_agents(labels)} {hears} no pinned agent, so nothing holds {them}:"
         moving = f"{them} alone" if len(moved) == len(labels) == 1 else them if moved == labels else name_agents(moved)
         text += f" v' Lambda v >= 0 for the vector that moves {moving}."
     else:

@@ -1,18 +1,14 @@
 """Floating-point proposals that the exact side then proves or not: eigenvalues, vectors, directions, rates.
 
-Lambda(J) is taken straight from the problem, with whole arrays of arcs: the statement is ``claim.lemma1``; this is the
-same matrix a hundred times faster, with the middle of the enclosure where a slope is irrational.  How far below 0 a
-large one is, a vector v > 0 shows: with M = -Lambda and a minus sign beside the diagonal, lambda_min(M) >= the least
-(M v)_i / v_i (theory, section 8), found by inverse iteration with conjugate gradients.  Directions in which Lambda is
-not negative are carried by as few agents as can be found.  An estimate that cannot be had is nan (or an infinity on the
-weak side), never an exception: what it would have proposed is then decided without it.
+How far below 0 a large Lambda is, a vector v > 0 shows: with M = -Lambda and a minus sign beside the diagonal,
+lambda_min(M) >= the least (M v)_i / v_i (theory, section 8).  An estimate that cannot be had is nan or an infinity.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Final
 
@@ -21,72 +17,31 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
-from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, to_float
-from dobc_design.problem.arrays import coupling_places
+from dobc_design.problem.arrays import arc_table
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import GIVEN_UP, Array
 
 
 def float_lambda(problem: Problem, mode: str, *, pins: bool = True) -> Any:
-    """Lambda = J + J' - (K + K') of one mode as a SciPy array in coordinate form, entries not yet summed.
-
-    Shapes: (n m, n m).  Entries beyond the floats are infinite.  ``pins`` False leaves K out.
-    Raises: exact.interval.UndefinedError if a coupling has no derivative at 0.
-    """
-    n, m = problem.n, problem.m
-    gains, listeners, speakers = _arc_gains(problem, mode)
-    rows, columns = np.concatenate([listeners, listeners]), np.concatenate([speakers, listeners])
-    blocks = np.concatenate([gains, -gains])
-    if pins:
-        agents, held = _pin_gains(problem)
-        rows, columns = np.concatenate([rows, agents]), np.concatenate([columns, agents])
-        blocks = np.concatenate([blocks, -held])
-    if m == 1:
-        i, j, values = rows, columns, blocks.ravel()
-    else:
-        within = np.arange(m)
-        i = np.broadcast_to(rows[:, None, None] * m + within[:, None], blocks.shape).ravel()
-        j = np.broadcast_to(columns[:, None, None] * m + within, blocks.shape).ravel()
-        values = blocks.ravel()
-    places = (np.concatenate([i, j]), np.concatenate([j, i]))
+    """Lambda = J + J' - (K + K') of one mode as a SciPy array (n m, n m) in coordinate form, entries not yet summed;
+    inf beyond the floats; ``pins`` False leaves K out.  Raises: UndefinedError if a coupling has no derivative at 0."""
+    n, m, arcs = problem.n, problem.m, arc_table(problem, mode)
+    enclosed = [coupling.jacobian_at_zero() for coupling in problem.couplings]
+    slopes = np.array([[[nearest(entry.midpoint) for entry in row] for row in rows] for rows in enclosed])
+    weights = np.array([nearest(x) for x in arcs.weights])[arcs.weight, None, None]
+    with np.errstate(over="ignore", invalid="ignore"):  # inf, which no estimate survives, and the exact side needs none
+        gains = weights * slopes[arcs.coupling]
+    held = [[[nearest(x) for x in row] for row in gain] for gain in problem.pinning.gains.values()] if pins else []
+    agents = np.array(list(problem.pinning.gains) if pins else [], dtype=np.int64)
+    rows = np.concatenate([arcs.listeners, arcs.listeners, agents])[:, None, None] * m
+    columns = np.concatenate([arcs.speakers, arcs.listeners, agents])[:, None, None] * m
+    blocks = np.concatenate([gains, -gains, -np.array(held, dtype=np.float64).reshape(-1, m, m)])
+    i = np.broadcast_to(rows + np.arange(m)[:, None], blocks.shape).ravel()
+    j = np.broadcast_to(columns + np.arange(m), blocks.shape).ravel()
+    values, places = blocks.ravel(), (np.concatenate([i, j]), np.concatenate([j, i]))
     return sparse.coo_array((np.concatenate([values, values]), places), shape=(n * m, n * m))
-
-
-def _arc_gains(problem: Problem, mode: str) -> tuple[Array, Any, Any]:
-    """h'(0) of every arc with its weight, (arcs, m, m), and the two ends of the arcs."""
-    arcs = problem.network.modes[mode]
-    slopes = np.array([_middles(coupling.jacobian_at_zero()) for coupling in problem.couplings])
-    weights = _float_weights(arcs.weights)[:, None, None]
-    return _weighted(weights, slopes[coupling_places(problem, arcs)]), arcs.listeners, arcs.speakers
-
-
-def _weighted(weights: Array, slopes: Array) -> Array:
-    """The products; inf beyond the floats, which no estimate survives and the exact side does not need."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        gains: Array = weights * slopes
-    return gains
-
-
-def _pin_gains(problem: Problem) -> tuple[Any, Array]:
-    gains = problem.pinning.gains
-    blocks = [[[nearest(x) for x in row] for row in gain] for gain in gains.values()]
-    agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
-    return agents, np.array(blocks, dtype=np.float64).reshape(len(gains), problem.m, problem.m)
-
-
-def _middles(rows: Sequence[Sequence[Interval]]) -> list[list[float]]:
-    return [[nearest((entry.lo + entry.hi) / 2) for entry in row] for row in rows]
-
-
-def _float_weights(weights: Sequence[Fraction]) -> Array:
-    """The weights as floats; arcs with the same weight mostly share one object, which is converted once."""
-    if weights and weights.count(weights[0]) == len(weights):
-        return np.full(len(weights), nearest(weights[0]))
-    places = list(map(id, weights))
-    floats = {place: nearest(weight) for place, weight in dict(zip(places, weights, strict=True)).items()}
-    return np.fromiter(map(floats.__getitem__, places), dtype=np.float64, count=len(places))
 
 
 def nearest(x: Fraction) -> float:
@@ -94,7 +49,7 @@ def nearest(x: Fraction) -> float:
     try:
         return float(x)
     except OverflowError:
-        return float("inf") if x > 0 else float("-inf")
+        return math.copysign(math.inf, x)
 
 
 def rows_of(agents: Any, width: int) -> Any:
@@ -112,20 +67,15 @@ SHARPENINGS: Final = 6
 PATIENCE: Final = 300
 MOST_STEPS: Final = 20_000
 FEW_ENTRIES: Final = 4
-# A row is met when this part of its right side is left at most.
-LEFT: Final = 0.25
-#: The right side of inverse iteration is at least this part of its largest entry.
-FLOOR: Final = 0.1
+LEFT: Final = 0.25  # a row is met when this part of its right side is left at most
+FLOOR: Final = 0.1  # the right side of inverse iteration is at least this part of its largest entry
 _FLAT: Final = 1e-15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Dominating:
-    """v > 0 (n m,) and about min (M v)_i / v_i; or a direction p with p'Mp about <= 0 (``least`` <= 0), or neither.
-
-    ``first``: products until M > 0 was seen; ``products``: all of them.  ``is_z``: M has minus signs beside its
-    diagonal; if it has not, that no vector is found says nothing.
-    """
+    """v > 0 (n m,) and about min (M v)_i / v_i; or a direction p with p'Mp about <= 0 (``least`` <= 0), or neither,
+    which says nothing unless M ``is_z``: minus signs beside its diagonal.  ``first``: products until M > 0 was seen."""
 
     vector: Array
     least: float
@@ -140,18 +90,26 @@ def dominating_vector(table: Any) -> Dominating | None:
     found = None if work is None else _answer_at(work, 0.0)
     if work is None or found is None or not found.least >= 0:
         return found
-    vector, least = _sharpened(work, found.vector)
-    return Dominating(vector=vector, least=least, first=found.products, products=work.products, is_z=work.is_z)
-
-
-def vector_at(table: Any, *, shift: float) -> Dominating | None:
-    """Look for v with M v > shift v, one question: ``least`` is the shift, or -inf beside a direction."""
-    work = _work(table)
-    return None if work is None else _answer_at(work, shift)
+    # Inverse iteration with a shift at the bound so far, until the bound is close or nothing is gained.
+    v, least = found.vector, work.least(found.vector)
+    for _ in range(SHARPENINGS):
+        highest = float(v @ work.times(v)) / float(v @ v)
+        if least >= (1 - CLOSE) * highest or work.products >= ENOUGH:
+            break
+        shift = least * (1 - 1e-3)
+        right = np.maximum(v / np.max(v), FLOOR)
+        start = right / max(highest - shift, 1e-3 * shift)
+        sharper, _ = _iterate(work, shift, right, start, min(PATIENCE, MOST_PRODUCTS - work.products))
+        better = math.nan if sharper is None or not np.all(sharper > 0) else work.least(sharper)
+        if sharper is None or not better > least:
+            break
+        v, least = sharper, better
+    return replace(found, vector=v, least=least, products=work.products)
 
 
 def _answer_at(work: _Work, shift: float) -> Dominating:
-    found = _solved(work, shift=shift, right=np.ones(len(work.diagonal)), start=None)
+    """Look for v with M v > shift v, one question: ``least`` is the shift, or -inf beside a direction."""
+    found = _solved(work, shift, np.ones(len(work.diagonal)))
     least = shift
     if found is None or not np.all(found > 0):
         direction = work.direction if found is None else np.maximum(-found, 0.0)
@@ -189,48 +147,33 @@ class _Work:
         self.products += 1
         return np.asarray(self.matrix @ x)
 
-
-def _sharpened(work: _Work, v: Array) -> tuple[Array, float]:
-    """Inverse iteration with a shift at the bound so far, until the bound is close or nothing is gained."""
-    least = _least(work, v)
-    for _ in range(SHARPENINGS):
-        highest = float(v @ work.times(v)) / float(v @ v)
-        if least >= (1 - CLOSE) * highest or work.products >= ENOUGH:
-            break
-        shift = least * (1 - 1e-3)
-        right = np.maximum(v / np.max(v), FLOOR)
-        start = right / max(highest - shift, 1e-3 * shift)
-        found, _ = _iterate(work, shift, right, start, min(PATIENCE, MOST_PRODUCTS - work.products))
-        if found is None or not np.all(found > 0):
-            break
-        better = _least(work, found)
-        if not better > least:
-            break
-        v, least = found, better
-    return v, least
+    def least(self, v: Array) -> float:
+        return float(np.min(self.times(v) / v))
 
 
-def _least(work: _Work, v: Array) -> float:
-    return float(np.min(work.times(v) / v))
-
-
-def _solved(work: _Work, *, shift: float, right: Array, start: Array | None) -> Array | None:
+def _solved(work: _Work, shift: float, right: Array) -> Array | None:
     """(M - shift I) x = right until every row is met but for a part; None if M - shift I is not seen to be positive."""
-    found, done = _iterate(work, shift, right, start, PATIENCE)
+    found, done = _iterate(work, shift, right, None, PATIENCE)
     if done or found is None:
         return found
-    if work.matrix.nnz <= FEW_ENTRIES * len(right):
-        return _factorised(work, shift, right)
-    found, done = _iterate(work, shift, right, found, MOST_STEPS)
-    return found if done else None
+    if work.matrix.nnz > FEW_ENTRIES * len(right):
+        found, done = _iterate(work, shift, right, found, MOST_STEPS)
+        return found if done else None
+    work.products += 20  # about what the time of one sparse factorisation is worth
+    try:
+        shifted = sparse.csc_array(work.matrix - shift * sparse.eye_array(len(right)))
+        found = np.asarray(sparse.linalg.splu(shifted).solve(right))
+    except GIVEN_UP:
+        return None
+    return found if np.all(np.isfinite(found)) else None
 
 
 def _iterate(work: _Work, shift: float, right: Array, start: Array | None, most: int) -> tuple[Array | None, bool]:
-    """Conjugate gradients with Jacobi scaling: x (None where a direction of curvature <= 0 was met), and whether it is
-    done."""
+    """Conjugate gradients with Jacobi scaling: x (None where a direction of curvature <= 0 was met), whether done."""
     scale = work.diagonal - shift
     if not np.all(scale > 0):
-        work.direction = _unit(len(right), int(np.argmin(scale)))
+        work.direction = np.zeros(len(right))
+        work.direction[int(np.argmin(scale))] = 1.0
         return None, False
     x = np.zeros(len(right)) if start is None else start.copy()
     residual = right.copy() if start is None else right - (work.times(x) - shift * x)
@@ -252,23 +195,6 @@ def _iterate(work: _Work, shift: float, right: Array, start: Array | None, most:
         square, last = float(residual @ z), square
         p = z + (square / last) * p
     return x, False
-
-
-def _factorised(work: _Work, shift: float, right: Array) -> Array | None:
-    """One sparse factorisation; it counts as the products that its time is worth, about."""
-    work.products += 20
-    try:
-        shifted = sparse.csc_array(work.matrix - shift * sparse.eye_array(len(right)))
-        found = np.asarray(sparse.linalg.splu(shifted).solve(right))
-    except GIVEN_UP:
-        return None
-    return found if np.all(np.isfinite(found)) else None
-
-
-def _unit(size: int, place: int) -> Array:
-    vector = np.zeros(size)
-    vector[place] = 1.0
-    return vector
 
 
 DENSE = 400  # rows up to which a dense symmetric eigensolver is the faster one
@@ -293,57 +219,42 @@ def largest_eigenvalue(table: Any) -> Top:
     largest = float(np.max(np.abs(table.data), initial=0.0))
     if largest == 0:
         return Top(value=0.0, vector=np.ones(size))
+    none = Top(value=math.nan, vector=np.zeros(size))
     if not math.isfinite(largest):
-        return Top(value=math.nan, vector=np.zeros(size))
+        return none
     unit = math.ldexp(1.0, math.frexp(largest)[1] - 1)  # entries of size 1: no square over- or underflows
-    found = None
-    if size > DENSE:
-        found = _lanczos(sparse.csr_array(table / unit))
-    if found is None and size <= max(DENSE, LARGEST_DENSE):
-        found = _dense(table.toarray() / unit)
-    if found is None:
-        return Top(value=math.nan, vector=np.zeros(size))
-    return Top(value=found.value * unit, vector=found.vector)
-
-
-def _dense(matrix: Array) -> Top | None:
-    last = len(matrix) - 1
-    try:
-        values, vectors = linalg.eigh(matrix, subset_by_index=(last, last))
-        return Top(value=float(values[0]), vector=vectors[:, 0])
-    except GIVEN_UP:
-        return None
-
-
-def _lanczos(matrix: Any) -> Top | None:
     # The start is fixed, so that answers can be reproduced, and irregular: one that has a symmetry of
     # the network never sees a direction without it.
-    start = 1.0 + 0.1 * np.random.default_rng(0).standard_normal(matrix.shape[0])
-    for vectors, tolerance in LANCZOS:
+    start = 1.0 + 0.1 * np.random.default_rng(0).standard_normal(size)
+    for ncv, tol in LANCZOS if size > DENSE else ():
         try:
-            values, columns = sparse.linalg.eigsh(
-                matrix, k=1, which="LA", v0=start, tol=tolerance, ncv=vectors, maxiter=RESTARTS
-            )
-            return Top(value=float(values[0]), vector=columns[:, 0])
+            matrix = sparse.csr_array(table / unit)
+            values, vectors = sparse.linalg.eigsh(matrix, k=1, which="LA", v0=start, tol=tol, ncv=ncv, maxiter=RESTARTS)
+            return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
         except GIVEN_UP:  # no convergence among them
             continue
-    return None
+    try:
+        if size <= max(DENSE, LARGEST_DENSE):
+            values, vectors = linalg.eigh(table.toarray() / unit, subset_by_index=(size - 1, size - 1))
+            return Top(value=float(values[0]) * unit, vector=vectors[:, 0])
+    except GIVEN_UP:
+        return none
+    return none
 
 
 def lambda_tops(statements: Statements) -> dict[str, Top]:
     """lambda_max(Lambda) and its direction, for every mode to which the theorems apply."""
-    return {mode: _top(float_lambda(statements.problem, mode)) for mode in statements.lambdas}
-
-
-def _top(table: Any) -> Top:
-    """By a vector v > 0 where the matrix is large and one shows that it is negative; else the eigenvalue."""
-    if table.shape[0] > LARGEST_DENSE:
-        found = dominating_vector(table)
-        if found is not None and found.least > 0:
-            return Top(value=-found.least, vector=found.vector, shows=found.vector)
-        if found is not None and found.is_z and np.any(found.vector):
-            return Top(value=math.nan, vector=found.vector)
-    return largest_eigenvalue(table)
+    tops = {}
+    for mode in statements.lambdas:
+        table = float_lambda(statements.problem, mode)
+        found = dominating_vector(table) if table.shape[0] > LARGEST_DENSE else None
+        if found is not None and found.least > 0:  # a vector v > 0 shows that the matrix is negative
+            tops[mode] = Top(value=-found.least, vector=found.vector, shows=found.vector)
+        elif found is not None and found.is_z and np.any(found.vector):
+            tops[mode] = Top(value=math.nan, vector=found.vector)
+        else:
+            tops[mode] = largest_eigenvalue(table)
+    return tops
 
 
 def decay_rate(exosystem: Exosystem, W: Matrix) -> float:
@@ -368,10 +279,8 @@ def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem)
     low, high = 0.0, max(0.0, -bound / 2)
     for _ in range(60):
         middle = (low + high) / 2
-        if bound + 2 * middle + _lambda_max_of_s(P, Q, exosystem, rate=middle) < 0:
-            low = middle
-        else:
-            high = middle
+        does = bound + 2 * middle + _lambda_max_of_s(P, Q, exosystem, rate=middle) < 0
+        low, high = (middle, high) if does else (low, middle)
     return low
 
 
@@ -388,11 +297,6 @@ def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -
         return math.inf
 
 
-def directions(tops: Mapping[str, Top]) -> list[Sequence[float]]:
-    """The directions, slowest mode first: candidates for witnesses."""
-    return [top.vector.tolist() for top in sorted(tops.values(), key=lambda top: -top.value)]
-
-
 LARGEST_SEARCHED = 2000  # rows up to which supports are looked for
 BUDGET = 200_000_000  # cubed rows of all eigenvalue problems of one search, about
 CALL = 200_000  # what a small one costs besides
@@ -400,10 +304,8 @@ EDGE = 1e-9  # relative: an eigenvalue above minus this may be 0
 
 
 def witness_directions(problem: Problem, mode: str) -> list[Sequence[float]]:
-    """Vectors (n m,) with v' Lambda v about >= 0 or more, those with the fewest agents first.
-
-    Agents without a pin come first among equals: what they carry, no gain on the present pins changes.
-    """
+    """Vectors (n m,) with v' Lambda v about >= 0 or more, those with the fewest agents first.  Agents without a pin
+    come first among equals: what they carry, no gain on the present pins changes."""
     table = sparse.csr_array(float_lambda(problem, mode))
     if table.shape[0] > LARGEST_SEARCHED or not np.all(np.isfinite(table.data)):
         return []
@@ -412,9 +314,8 @@ def witness_directions(problem: Problem, mode: str) -> list[Sequence[float]]:
     free = [agent for agent in range(problem.n) if agent not in pinned]
     supports: dict[tuple[int, ...], None] = {}
     for base in (free, list(range(problem.n))):
-        if not base or search.top(base)[0] < -search.edge:
-            continue
-        supports |= dict.fromkeys(search.supports_in(base))
+        if base and not search.top(base)[0] < -search.edge:
+            supports |= dict.fromkeys(search.supports_in(base))
     ordered = sorted(supports, key=lambda s: (len(s), bool(pinned & set(s)), s))
     return [search.direction(support) for support in ordered]
 
@@ -432,7 +333,7 @@ class _Search:
         """The largest eigenvalue on these agents and its vector, by row."""
         key = tuple(sorted(agents))
         if key not in self.known:
-            rows = rows_of(np.array(key, dtype=np.int64), self.width)
+            rows = rows_of(key, self.width)
             self.left -= CALL + len(rows) ** 3
             found = largest_eigenvalue(sparse.coo_array(self.table[rows][:, rows]))
             self.known[key] = (found.value, found.vector)
@@ -445,8 +346,7 @@ class _Search:
     def direction(self, agents: Sequence[int]) -> list[float]:
         """The top vector of a support, zero elsewhere."""
         whole = np.zeros(self.table.shape[0])
-        rows = rows_of(np.array(sorted(agents), dtype=np.int64), self.width)
-        vector = self.top(agents)[1]
+        rows, vector = rows_of(sorted(agents), self.width), self.top(agents)[1]
         # Every second solver has every second sign: the heaviest entry is made positive.
         heaviest = vector[int(np.argmax(np.abs(vector)))] if len(vector) else 1.0
         whole[rows] = vector if heaviest >= 0 else -vector
@@ -456,11 +356,14 @@ class _Search:
     def supports_in(self, base: Sequence[int]) -> list[tuple[int, ...]]:
         """Small supports inside ``base``, whose submatrix fails."""
         single: list[tuple[int, ...]] = [(agent,) for agent in base if self.fails((agent,))]
-        if single:
-            return single[:5]
-        if self.needs_all(base):
-            return [tuple(base)]
-        found = [self.cut(self.heavy(base))]
+        if single or self.needs_all(base):
+            return single[:5] or [tuple(base)]
+        order = self.by_weight(base)
+        low, high = 0, len(order)
+        while high - low > 1:  # the fewest of the heaviest that still fail
+            middle = (low + high) // 2
+            low, high = (low, middle) if self.fails(order[:middle]) else (middle, high)
+        found = [self.cut(order[:high])]
         best = len(found[0])
         for seed in self.by_weight(base):
             grown = self.grown(seed, base, limit=best) if self.left > 0 else None
@@ -473,21 +376,11 @@ class _Search:
         """Whether the submatrix is singular, connected and minus a Z-matrix: then no smaller one inside it fails."""
         if abs(self.top(base)[0]) > self.edge or self.width > 1:
             return False
-        rows = np.array(sorted(base), dtype=np.int64)
+        rows = sorted(base)
         part = self.table[rows][:, rows].tocoo()
-        beside = part.row != part.col
-        if np.any(part.data[beside] < 0):
+        if np.any(part.data[part.row != part.col] < 0):
             return False
         return bool(csgraph.connected_components(part, directed=False)[0] == 1)
-
-    def heavy(self, base: Sequence[int]) -> list[int]:
-        """The fewest of the heaviest agents of the slowest direction that still fail."""
-        order = self.by_weight(base)
-        low, high = 0, len(order)
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (low, middle) if self.fails(order[:middle]) else (middle, high)
-        return order[:high]
 
     def by_weight(self, agents: Sequence[int]) -> list[int]:
         """The agents by what they carry of the slowest direction, heaviest first."""
@@ -511,13 +404,9 @@ class _Search:
         while not self.fails(chosen):
             if self.left <= 0:
                 return None
-            near = {agent for each in chosen for agent in self.neighbours(each)} & allowed - set(chosen)
+            entries = self.table[rows_of(chosen, self.width)].indices
+            near = set((entries // self.width).tolist()) & allowed - set(chosen)
             if len(chosen) + 1 >= limit or not near:
                 return None
             chosen.append(max(sorted(near), key=lambda agent: self.top([*chosen, agent])[0]))
         return chosen
-
-    def neighbours(self, agent: int) -> set[int]:
-        """The agents with an entry in the rows of this one."""
-        rows = rows_of(np.array([agent]), self.width)
-        return set((self.table[rows].indices // self.width).tolist())

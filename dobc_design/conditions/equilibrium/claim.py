@@ -1,12 +1,9 @@
 """Equilibria of one mode other than the target, claimed as boxes, and the numbers that decide such a claim.
 
-With eps = 0 the error system (22) is e' = f(e) = h(e) - K e, whatever the gain W.  An e* != 0 with f(e*) = 0 is a start
-from which consensus is never reached while the mode lasts.  Krawczyk's test shows one in a box X with the middle c: for
-some matrix Y and an enclosure F of the slopes of f on X (Clarke's, where a coupling has a kink),
-
-    c - Y f(c) + (I - Y F)(X - c)  in the interior of X
-
-implies that X holds exactly one zero of f, because x - Y f(x) then maps X into itself and Y is invertible.
+With eps = 0 the error system (22) is e' = f(e) = h(e) - K e, whatever the gain W.  Krawczyk's test shows an e* != 0
+with f(e*) = 0 in a box X with the middle c: if c - Y f(c) + (I - Y F)(X - c) lies in the interior of X, where F
+encloses the slopes of f on X (Clarke's at kinks), x - Y f(x) maps X into itself and Y is invertible, so X holds exactly
+one zero.
 """
 
 from __future__ import annotations
@@ -18,7 +15,6 @@ from typing import Any, Final
 
 from dobc_design.conditions.check import Check, read_object
 from dobc_design.conditions.numbers import VECTOR_BITS, has_short_denominator, read_rational
-from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval
@@ -35,11 +31,8 @@ LARGEST: Final = 60  # rows n m
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Equilibrium:
-    """A claim: the box holds an equilibrium of h(e) - K e in ``mode`` and does not hold 0.
-
-    ``box``: n m intervals for e, agent by agent; with a formation e = x - xbar - offset.
-    Raises: ShapeError or SpecError for what cannot be a claim.
-    """
+    """A claim: the box, n m intervals for e, agent by agent, holds an equilibrium of h(e) - K e in ``mode`` and not 0.
+    Raises: ShapeError or SpecError for what cannot be a claim."""
 
     mode: str
     box: Box
@@ -66,65 +59,44 @@ class Equilibrium:
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Equilibrium:
-    """What a check claims, for this problem; the gain ``W`` (q, m) is not needed.
-
-    Raises: KeyError, TypeError, ValueError or SpecError for anything that cannot be such a claim.
-    """
+    """What a check claims, for this problem; the gain ``W`` (q, m) is not needed.  Raises: KeyError, TypeError,
+    ValueError or SpecError for anything that cannot be such a claim."""
     values = read_object(check.exact, ("mode", "box"))
     mode, rows = values["mode"], values["box"]
     if mode not in list(problem.network.modes) or not isinstance(rows, (list, tuple)):
         raise ValueError("it needs a mode of this problem, and a list of intervals")
     if problem.n * problem.m > LARGEST or len(rows) != problem.n * problem.m:
         raise ValueError(f"the box must have one interval per component of e, at most {LARGEST}")
-    box = []
-    for row in rows:
-        if not isinstance(row, (list, tuple)) or len(row) != 2:
-            raise ValueError("the box is no list of intervals")
-        lo, hi = (read_rational(text) for text in row)
-        if lo >= hi or not has_short_denominator((lo, hi), VECTOR_BITS):
-            raise ValueError("the box is no list of intervals longer than 0")
-        box.append(Interval(lo, hi))
-    if not has_short_denominator((end for side in box for end in (side.lo, side.hi)), VECTOR_BITS):
+    if not all(isinstance(row, (list, tuple)) and len(row) == 2 for row in rows):
+        raise ValueError("the box is no list of intervals")
+    ends = [tuple(map(read_rational, row)) for row in rows]
+    if any(lo >= hi for lo, hi in ends):
+        raise ValueError("the box is no list of intervals longer than 0")
+    if not has_short_denominator((end for pair in ends for end in pair), VECTOR_BITS):
         raise ValueError("the box needs too long a common denominator")
-    return Equilibrium(mode=mode, box=tuple(box))
-
-
-def require_fitting(problem: Problem, claim: Equilibrium) -> None:
-    """Refuse a claim about another problem.  Raises: ShapeError for the size, SpecError for the mode."""
-    if len(claim.box) != problem.n * problem.m:
-        raise ShapeError(
-            f"box must have {problem.n * problem.m} sides, one per component of e; got {len(claim.box)}.", key="box"
-        )
-    if claim.mode not in problem.network.modes:
-        raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
+    return Equilibrium(mode=mode, box=tuple(Interval(lo, hi) for lo, hi in ends))
 
 
 def field_at(problem: Problem, mode: str, point: Vector) -> Box:
-    """Enclose f(e) = h(e) - K e at one rational point, (n m,).
-
-    Raises: UndefinedError where a coupling is not defined there.
-    """
+    """Enclose f(e) = h(e) - K e at one rational point, (n m,).  Raises: UndefinedError where a coupling is not
+    defined there."""
     m, algebra = problem.m, IntervalAlgebra()
     total = [_ZERO] * (problem.n * m)
     for listener, speaker, weight in problem.network.modes[mode]:
         h = problem.coupling_of(listener, speaker)
         y = tuple(Interval.point(point[speaker * m + c] - point[listener * m + c]) for c in range(m))
         for c in range(m):
-            variables = (y[c],) if h.by_component else y
-            felt = evaluate(h.components[0 if h.by_component else c].node, variables, algebra)
-            total[listener * m + c] += felt * weight
+            node, variables = (h.components[0].node, y[c : c + 1]) if h.by_component else (h.components[c].node, y)
+            total[listener * m + c] += evaluate(node, variables, algebra) * weight
     for agent, gain in problem.pinning.gains.items():
         for c, row in enumerate(gain):
-            pull = sum((k * point[agent * m + d] for d, k in enumerate(row)), Fraction(0))
-            total[agent * m + c] -= pull
+            total[agent * m + c] -= sum((k * point[agent * m + d] for d, k in enumerate(row)), Fraction(0))
     return tuple(total)
 
 
 def slopes_on(problem: Problem, mode: str, box: Box) -> Slopes:
-    """Enclose the entries of df/de on a box; those that are not there are 0.
-
-    Raises: UndefinedError where a coupling or its slope is not bounded on the box.
-    """
+    """Enclose the entries of df/de on a box; those that are not there are 0.  Raises: UndefinedError where a
+    coupling or its slope is not bounded on the box."""
     m = problem.m
     found: dict[tuple[int, int], Interval] = {}
 
@@ -134,24 +106,15 @@ def slopes_on(problem: Problem, mode: str, box: Box) -> Slopes:
     for listener, speaker, weight in problem.network.modes[mode]:
         h = problem.coupling_of(listener, speaker)
         y = tuple(box[speaker * m + c] - box[listener * m + c] for c in range(m))
-        for (c, d), slope in _coupling_slopes(h, y).items():
-            add(listener * m + c, speaker * m + d, slope * weight)
-            add(listener * m + c, listener * m + d, -(slope * weight))
+        parts = [((c,), h.components[0]) for c in range(m)] if h.by_component else [(range(m), g) for g in h.components]
+        for c, (places, component) in enumerate(parts):
+            algebra = GradientAlgebra(len(places))
+            partials = evaluate(component.node, algebra.variables([y[d] for d in places]), algebra).partials
+            for d, slope in zip(places, partials, strict=True):
+                add(listener * m + c, speaker * m + d, slope * weight)
+                add(listener * m + c, listener * m + d, -(slope * weight))
     for agent, gain in problem.pinning.gains.items():
         for c, row in enumerate(gain):
             for d, k in enumerate(row):
                 add(agent * m + c, agent * m + d, Interval.point(-k))
     return found
-
-
-def _coupling_slopes(h: Coupling, y: Box) -> Slopes:
-    if h.by_component:
-        algebra = GradientAlgebra(1)
-        return {
-            (c, c): evaluate(h.components[0].node, algebra.variables((side,)), algebra).partials[0]
-            for c, side in enumerate(y)
-        }
-    algebra = GradientAlgebra(len(y))
-    variables = algebra.variables(y)
-    rows = [evaluate(component.node, variables, algebra).partials for component in h.components]
-    return {(c, d): slope for c, row in enumerate(rows) for d, slope in enumerate(row)}

@@ -10,23 +10,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Witness
-from dobc_design.conditions.equilibrium.claim import (
-    LARGEST,
-    Box,
-    Equilibrium,
-    Slopes,
-    field_at,
-    read_claim,
-    require_fitting,
-    slopes_on,
-)
+from dobc_design.conditions.equilibrium.claim import LARGEST, Box, Equilibrium, Slopes, field_at, read_claim, slopes_on
 from dobc_design.conditions.numbers import read_rational
+from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, identity, multiply, subtract
 from dobc_design.exact.number import number_text
@@ -41,11 +34,11 @@ EXTRA_DIGITS: Final = 4
 IN_HAND: Final = Fraction(9, 10)  # of each half width is used by boxes made here: other enclosures may be wider
 LEAST: Final = 1e-200  # of |e|_inf of an equilibrium that is looked at
 SHOWN: Final = 6  # components of an equilibrium that a sentence names
-ID: Final = "equilibrium"
+
 ONE: Final = Fraction(1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class EquilibriumDecision:
     """PROVED: the box holds an equilibrium and not the target.  UNDECIDED: not shown, with the reason."""
 
@@ -54,54 +47,49 @@ class EquilibriumDecision:
 
 
 def verify_equilibrium(problem: Problem, claim: Equilibrium, *, part: Fraction = ONE) -> EquilibriumDecision:
-    """Decide by Krawczyk's test whether the box holds an equilibrium of h(e) - K e other than 0.
-
-    ``part`` <= 1: how much of each half width the test may use; less leaves room for a coarser check of the same box.
-    Raises: ShapeError or SpecError for a claim that does not fit the problem.
-    Source: theory, section 0 (22); Krawczyk 1969, Moore 1977.
-    """
-    require_fitting(problem, claim)
+    """Decide by Krawczyk's test (1969; Moore 1977), using a ``part`` of each half width, if the box holds an
+    equilibrium other than 0.  Raises: ShapeError or SpecError for a claim that does not fit the problem."""
+    if len(claim.box) != problem.n * problem.m:
+        many = f"box must have {problem.n * problem.m} sides, one per component of e; got {len(claim.box)}."
+        raise ShapeError(many, key="box")
+    if claim.mode not in problem.network.modes:
+        raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
+    undecided = partial(EquilibriumDecision, Verdict.UNDECIDED)
     if len(claim.box) > LARGEST:
-        return _undecided(f"equilibria are proved for at most {LARGEST} rows n m.")
+        return undecided(f"equilibria are proved for at most {LARGEST} rows n m.")
     if all(side.contains(0) for side in claim.box):
-        return _undecided("the box holds the target itself.")
+        return undecided("the box holds the target itself.")
     try:
         value = field_at(problem, claim.mode, claim.middle)
         slopes = slopes_on(problem, claim.mode, claim.box)
     except UndefinedError as error:
-        return _undecided(f"the couplings are not bounded on the box: {error}")
+        return undecided(f"the couplings are not bounded on the box: {error}")
     Y = _preconditioner(slopes, len(claim.box))
     if Y is None or not krawczyk_holds(claim, value, slopes, Y, part):
-        return _undecided("Krawczyk's test does not show an equilibrium in the box.")
-    return EquilibriumDecision(verdict=Verdict.PROVED, reason="The box holds exactly one equilibrium.")
+        return undecided("Krawczyk's test does not show an equilibrium in the box.")
+    return EquilibriumDecision(Verdict.PROVED, "The box holds exactly one equilibrium.")
 
 
 def lies_in_region(problem: Problem, claim: Equilibrium) -> bool:
     """Whether every x = e + goal in the box is a start that the region asks for; true without a region."""
     if problem.region is None:
         return True
-    m, pairs = problem.m, problem.region.initial_states
-    goals = [problem.goal_of(agent) for agent in range(problem.n)]
-    return all(
-        pairs[k % m][0] <= side.lo + goals[k // m][k % m] and side.hi + goals[k // m][k % m] <= pairs[k % m][1]
-        for k, side in enumerate(claim.box)
-    )
+    pairs = list(problem.region.initial_states) * problem.n
+    goals = [goal for agent in range(problem.n) for goal in problem.goal_of(agent)]
+    sides = zip(pairs, goals, claim.box, strict=True)
+    return all(lo <= side.lo + goal and side.hi + goal <= hi for (lo, hi), goal, side in sides)
 
 
 def enclose_equilibrium(
     problem: Problem, mode: str, point: Sequence[float], *, within_region: bool = False
 ) -> Equilibrium | None:
-    """A proved box around an equilibrium that floating point sees at ``point`` (n m,); None if none is proved.
-
-    ``within_region``: the box also has to lie in the region asked for.  Half widths are powers of ten, about 1e-6 of
-    |e|_inf first.
-    """
+    """A proved box, in the region asked for if ``within_region``, around an equilibrium that floating point sees at
+    ``point`` (n m,); None if none is proved.  Half widths are powers of ten, about 1e-6 of |e|_inf first."""
     if len(point) != problem.n * problem.m or len(point) > LARGEST or not all(map(math.isfinite, point)):
         return None
-    largest = max(map(abs, point))
-    if largest < LEAST:
+    if max(map(abs, point)) < LEAST:
         return None
-    size = math.ceil(math.log10(largest))
+    size = math.ceil(math.log10(max(map(abs, point))))
     for digits in HALF_WIDTHS:
         half, unit = Fraction(10) ** (size - digits), Fraction(10) ** (digits + EXTRA_DIGITS - size)
         middle = [Fraction(round(Fraction(x) * unit)) / unit for x in point]
@@ -115,12 +103,11 @@ def enclose_equilibrium(
 
 def refuting_check(problem: Problem, claim: Equilibrium) -> Check | None:
     """The check that consensus fails in the region; None unless the equilibrium is proved and lies there."""
-    if problem.region is None or not lies_in_region(problem, claim):
-        return None
-    if verify_equilibrium(problem, claim).verdict is not Verdict.PROVED:
+    inside = problem.region is not None and lies_in_region(problem, claim)
+    if not inside or verify_equilibrium(problem, claim).verdict is not Verdict.PROVED:
         return None
     return Check(
-        id=ID,
+        id="equilibrium",
         verdict=Verdict.REFUTED,
         domain="consensus",
         reason=_reason(problem, claim),
@@ -130,11 +117,8 @@ def refuting_check(problem: Problem, claim: Equilibrium) -> Check | None:
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything a refuted ``equilibrium`` claims is confirmed, else what is not.
-
-    ``W`` (q, m) has to be known where there is an exosystem; ``domain`` is that of Lemma 1.
-    Raises what a malformed claim raises.
-    """
+    """None if everything a refuted ``equilibrium`` claims is confirmed, else what is not.  ``W`` (q, m) has to be
+    known where there is an exosystem; ``domain`` is that of Lemma 1. Raises what a malformed claim raises."""
     if check.verdict is not Verdict.REFUTED or check.domain != domain:
         return f"an equilibrium can only refute, with the domain {domain!r}"
     if problem.groups and W is None:
@@ -145,8 +129,7 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
     if witness is None or witness.kind != "start" or witness.labels is not None:
         return "it needs a start"
     claim = read_claim(check, problem, W)
-    values = tuple(read_rational(text) for text in witness.values or ())
-    if values != claim.middle:
+    if tuple(map(read_rational, witness.values or ())) != claim.middle:
         return "the start is not the middle of the box"
     if not lies_in_region(problem, claim):
         return "the box leaves the region asked for"
@@ -170,10 +153,8 @@ def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:
 
 
 def krawczyk_holds(claim: Equilibrium, value: Box, slopes: Slopes, Y: Matrix, part: Fraction) -> bool:
-    """Whether c - Y f(c) + (I - Y F)(X - c) lies in the interior of X, side by side.
-
-    With F = M +- R and half widths w the product has the half widths |I - Y M| w + |Y| R w.
-    """
+    """Whether c - Y f(c) + (I - Y F)(X - c) lies in the interior of X, side by side.  With F = M +- R and half
+    widths w the product has the half widths |I - Y M| w + |Y| R w."""
     size, zero = len(Y), Fraction(0)
     half = claim.half_widths
     M = [[zero] * size for _ in range(size)]
@@ -201,10 +182,9 @@ def _float(value: Fraction) -> float:
 
 
 def _reason(problem: Problem, claim: Equilibrium) -> str:
-    m, labels = problem.m, problem.network.labels
-    named = []
+    m, named = problem.m, []
     for k, e in enumerate(claim.middle[:SHOWN]):
-        place = labels[k // m] if m == 1 else f"{labels[k // m]}.{k % m + 1}"
+        place = problem.network.labels[k // m] + ("" if m == 1 else f".{k % m + 1}")
         named.append(f"{place}: {_float(e + problem.goal_of(k // m)[k % m]):.6g}")
     more = ", ..." if len(claim.middle) > SHOWN else ""
     return (
@@ -212,7 +192,3 @@ def _reason(problem: Problem, claim: Equilibrium) -> str:
         f" x = ({', '.join(named)}{more}). This start lies in the region asked for."
         " Ask for a smaller region, or raise the gains until it is gone."
     )
-
-
-def _undecided(reason: str) -> EquilibriumDecision:
-    return EquilibriumDecision(verdict=Verdict.UNDECIDED, reason=reason)

@@ -20,6 +20,8 @@ from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
+from dobc_design.conditions.consensus.claim import Entries
+from dobc_design.conditions.consensus.claim import add_to as add
 from dobc_design.conditions.quadratic.sectors import Channel, GainRange, Sectors
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
@@ -31,22 +33,18 @@ from dobc_design.problem.problem import Problem
 
 Method = Literal["lure", "interval", "vertices"]
 Shape = Literal["identity", "diagonal", "full"]
-METHODS: Final = ("lure", "interval", "vertices")
-#: Channels with a range of their own up to which corners are enumerated.
-MOST_VERTICES: Final = 12
+METHODS: Final[tuple[Method, ...]] = ("lure", "interval", "vertices")
+MOST_VERTICES: Final = 12  # channels with a range of their own up to which corners are enumerated
 ZERO: Final = Fraction(0)
-Entries = dict[tuple[int, int], Fraction]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lure:
     """A claim: {V <= level} is invariant and V' <= -2 rate V in it, V = e'P_e e + sum eps_i'P eps_i, in every mode.
 
-    P_e (n m, n m); ``radius`` bounds |e_j - e_i| by component, and ``ranges`` are the gains claimed there.
-    ``multipliers``: mode -> one tau per channel, 0 where the channel is linear; empty unless ``method`` is "lure".
-    ``level`` is rho^2; None: all of space (without a radius).  ``rate`` in 1/s.  P, Q (q, q), (q, m): the observer's
-    pair; None without an exosystem, or for eps = 0 only.
-    Raises: SpecError or ShapeError for what cannot be a claim.
+    P_e (n m, n m); ``radius`` bounds |e_j - e_i| by component, ``ranges`` are the gains there; level is rho^2 (both
+    None: all of space).  ``multipliers``: mode -> one tau per channel, 0 where it is linear; for "lure" only.  P, Q
+    (q, q), (q, m): the observer's pair; None without an exosystem, or for eps = 0.
     """
 
     P_e: SparseSymmetric
@@ -78,18 +76,14 @@ class Lure:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
+        texts = [[[[number_text(x.lo), number_text(x.hi)] for x in row] for row in r.entries] for r in self.ranges]
+        pairs = zip(self.ranges, texts, strict=True)
         values: dict[str, Any] = {
             "method": self.method,
             "P_e": [[i, j, number_text(value)] for (i, j), value in sorted(self.P_e.entries.items())],
             "level": None if self.level is None else number_text(self.level),
             "radius": None if self.radius is None else number_text(self.radius),
-            "ranges": [
-                {
-                    "coupling": each.coupling,
-                    "gains": [[[number_text(gain.lo), number_text(gain.hi)] for gain in row] for row in each.entries],
-                }
-                for each in self.ranges
-            ],
+            "ranges": [{"coupling": each.coupling, "gains": rows} for each, rows in pairs],
             "multipliers": {mode: [number_text(tau) for tau in taus] for mode, taus in self.multipliers.items()},
             "rate": number_text(self.rate),
         }
@@ -105,19 +99,16 @@ def lure_matrix(
     rate: Fraction = ZERO,
     S: Matrix | None = None,
 ) -> SparseSymmetric:
-    """The left side of the Lur'e inequality of one mode, (n m, n m).
-
-    S (m, m) is the observer's border or None; where agents have different exosystems, that of the joint one.
-
-    Raises: ShapeError unless there is one multiplier per channel, > 0 where its range is not a point.
-    """
+    """The left side of the Lur'e inequality of one mode, (n m, n m); S (m, m): the observer's (joint) border or None.
+    Raises: ShapeError unless there is one multiplier per channel, > 0 where its range is not a point."""
     channels = sectors.modes[mode]
     if len(multipliers) != len(channels):
         raise ShapeError(
             f"mode {mode}: multipliers must have {len(channels)} entries, one per channel; got {len(multipliers)}.",
             key="multipliers",
         )
-    inner, added = _observer_block(sectors.problem, S), dict[tuple[int, int], Fraction]()
+    added: Entries = {}
+    inner = _observer_block(sectors.problem, S)
     for channel, tau in zip(channels, multipliers, strict=True):
         if not channel.spread:
             continue
@@ -140,10 +131,9 @@ def interval_matrix(
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
     rows, sums = rows_of(P_e), [ZERO] * sectors.size
     for channel in channels:
-        if channel.spread:
-            for (i, j), value in _rank_two(rows[channel.target], channel).items():
-                for row in {i, j}:
-                    sums[row] += channel.spread * abs(value)
+        for (i, j), value in _rank_two(rows[channel.target], channel).items():
+            for row in {i, j}:
+                sums[row] += channel.spread * abs(value)
     bound = SparseSymmetric(sectors.size, {(i, i): value for i, value in enumerate(sums)})
     return _derivative(P_e, linear, rate) + _sandwich(P_e, _observer_block(sectors.problem, S)) + bound
 
@@ -151,29 +141,21 @@ def interval_matrix(
 def vertex_matrices(
     sectors: Sectors, mode: str, P_e: SparseSymmetric, *, rate: Fraction = ZERO, S: Matrix | None = None
 ) -> Iterator[SparseSymmetric]:
-    """The derivative at every corner of the box of gains; it is affine in them, so the corners decide.
-
-    Raises: SpecError for more than MOST_VERTICES channels with a range.
-    """
+    """The derivative at every corner of the box of gains; it is affine in them, so the corners decide.  Raises:
+    SpecError for more than MOST_VERTICES channels with a range."""
     channels = sectors.modes[mode]
-    free = sum(1 for channel in channels if channel.spread)
-    if free > MOST_VERTICES:
+    free = [channel for channel in channels if channel.spread]
+    if len(free) > MOST_VERTICES:
+        many = f"mode {mode} has {len(free)} channels with a range of gains"
         raise SpecError(
-            f"mode {mode} has {free} channels with a range of gains; corners are enumerated for at most"
-            f" {MOST_VERTICES}.",
-            key="method",
-            cure='Use the method "lure".',
+            f"{many}; corners are enumerated for at most {MOST_VERTICES}.", key="method", cure='Use the method "lure".'
         )
     rows = rows_of(P_e)
     fixed = _derivative(P_e, linear_part(sectors, mode, [channel.low for channel in channels]), rate)
     fixed = fixed + _sandwich(P_e, _observer_block(sectors.problem, S))
-    steps = [
-        SparseSymmetric(sectors.size, _rank_two(rows[channel.target], channel)).scaled(2 * channel.spread)
-        for channel in channels
-        if channel.spread
-    ]
-    for corner in itertools.product((False, True), repeat=free):
-        yield sum((step for step, up in zip(steps, corner, strict=True) if up), fixed)
+    steps = [SparseSymmetric(sectors.size, _rank_two(rows[c.target], c)).scaled(2 * c.spread) for c in free]
+    for corner in itertools.product((False, True), repeat=len(free)):
+        yield sum(itertools.compress(steps, corner), fixed)
 
 
 def held_matrix(problem: Problem, P_e: SparseSymmetric, *, rate: Fraction, S: Matrix | None) -> SparseSymmetric:
@@ -208,20 +190,13 @@ def rows_of(M: SparseSymmetric) -> list[dict[int, Fraction]]:
     return rows
 
 
-def add(entries: Entries, i: int, j: int, value: Fraction) -> None:
-    """Add to the entry (i, j) of a symmetric matrix, kept in its upper triangle."""
-    where = (i, j) if i <= j else (j, i)
-    entries[where] = entries.get(where, ZERO) + value
-
-
 def _derivative(P_e: SparseSymmetric, linear: dict[int, dict[int, Fraction]], rate: Fraction) -> SparseSymmetric:
     """P_e A + A'P_e + 2 rate P_e."""
     entries: Entries = {place: 2 * rate * value for place, value in P_e.entries.items()} if rate else {}
     for k, weights in enumerate(rows_of(P_e)):
         for j, a in linear[k].items():
             for i, p in weights.items():  # P_e[i, k] A[k, j], and its transpose
-                value = p * a
-                add(entries, i, j, 2 * value if i == j else value)
+                add(entries, i, j, 2 * p * a if i == j else p * a)
     return SparseSymmetric(P_e.size, entries)
 
 

@@ -1,27 +1,33 @@
-"""Decides the certificates of ``claim``: ranges of the gains, inequality, region, covered starts.
+"""Decides the certificates of ``claim``, and the check ``lure``: from a claim to what a certificate holds, and back.
 
-Every step is exact.  "Refuted" is about the certificate at hand, with a witness where a matrix fails; it never says
-that consensus fails.
+Theory, section 4: a ball in a sublevel set of V = e'P_e e + sum eps_i'P eps_i.  Every step is exact.  "Refuted" is
+about the certificate at hand, with a witness where a matrix fails; it never says that consensus fails.
+docs/certificate-format.md, "Regions", fixes the form.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
 
+from dobc_design.conditions import numbers
+from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
-from dobc_design.conditions.numbers import claimed, shorten
-from dobc_design.conditions.quadratic.claim import Lure, interval_matrix, lure_matrix, vertex_matrices
-from dobc_design.conditions.quadratic.sectors import Enclose, Sectors, build_sectors, gains_on, relied_differences
+from dobc_design.conditions.numbers import claimed, has_short_denominator, read_rational, shorten
+from dobc_design.conditions.quadratic import sectors as channels
+from dobc_design.conditions.quadratic.claim import METHODS, Lure, interval_matrix, lure_matrix, vertex_matrices
+from dobc_design.conditions.quadratic.sectors import Enclose, GainRange, Sectors, build_sectors, gains_on
 from dobc_design.errors import ShapeError
-from dobc_design.exact.definite import Definiteness, decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, inverse, to_float
+from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, multiply, to_float
 from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
@@ -30,15 +36,17 @@ from dobc_design.verdict import Verdict
 ZERO = Fraction(0)
 # How far above its estimate a bound on an eigenvalue is tried, relative to the largest one.
 RISE = (Fraction(1, 10**9), Fraction(1, 10**6), Fraction(1, 1000), Fraction(1))
+IN_HAND: Final = 1e-6  # of a ball, for a second program with its own bounds of eigenvalues
+_DIGITS: Final = 6
+IN_WORDS: Final = {"identity": "P_e = I", "diagonal": "a diagonal P_e", "full": "a full P_e"}
+_DEVICES: Final = {"lure": "multipliers", "interval": "an interval bound", "vertices": "the corners of all gains"}
+_LURE: Final = ("method", "P_e", "level", "radius", "ranges", "multipliers", "rate")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LureDecision:
-    """The verdict on a certificate and, unless proved, the ``step`` that fails.
-
-    Steps: "gains", "P_e", "observer", "inequality", "region".  ``witness``: a direction in which the matrix of the
-    step is not definite (of P_e, of the inequality of ``mode``); None where the step is not about a matrix.
-    """
+    """The verdict and, unless proved, the ``step`` that fails: "gains", "P_e", "observer", "inequality" (of ``mode``),
+    "region".  ``witness``: a direction in which a matrix of that step is not definite."""
 
     verdict: Verdict
     step: str = ""
@@ -48,47 +56,55 @@ class LureDecision:
 
 
 def verify_lure(problem: Problem, lure: Lure, *, enclose: Enclose = gains_on) -> LureDecision:
-    """Decide whether the certificate proves what it claims, for every mode of the problem.
-
-    Proved: {V <= level} is invariant and V' <= -2 rate V in it, for every switching among the modes.
-    ``enclose``: where the ranges of the gains are looked up; they have to contain its answer.
-    Raises: ShapeError or SpecError for a certificate that does not fit the problem.
-    Source: theory, section 4.
-    """
+    """Decide whether the certificate proves what it claims, for every switching among the modes; the ranges have to
+    contain what ``enclose`` gives.  Raises: ShapeError or SpecError for one that does not fit the problem."""
     if lure.P_e.size != problem.n * problem.m:
         raise ShapeError(
             f"P_e must have {problem.n * problem.m} rows, one per component of e; got {lure.P_e.size}.", key="P_e"
         )
     sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
-    for decision in _steps(problem, lure, sectors, enclose):
-        if decision is not None:
-            return decision
-    return LureDecision(
-        verdict=Verdict.PROVED, reason=f"V decreases, V' <= -2 ({float(lure.rate):.4g}) V, {_where(lure)}."
-    )
+    reason = _gains_left_open(problem, lure, enclose)
+    if reason is not None:
+        return LureDecision(verdict=Verdict.UNDECIDED, step="gains", reason=reason)
+    refuted = partial(LureDecision, verdict=Verdict.REFUTED)
+    positive = decide_positive_definite(lure.P_e)
+    if positive.verdict is not Verdict.PROVED:
+        return refuted(step="P_e", reason="P_e is not positive definite.", witness=positive.witness)
+    S = border_of(problem, lure, lure.rate)
+    own = None if lure.P is None else decide_positive_definite(SparseSymmetric.from_dense(lure.P))
+    if own is not None and (S is None or own.verdict is not Verdict.PROVED):
+        return refuted(step="observer", reason="P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).")
+    form: Any = {"lure": lure_matrix, "interval": interval_matrix, "vertices": vertex_matrices}[lure.method]
+    for mode in sectors.modes:
+        given = [lure.multipliers.get(mode, ())] if lure.method == "lure" else []
+        matrices = form(sectors, mode, lure.P_e, *given, rate=lure.rate, S=S)
+        for matrix in matrices if lure.method == "vertices" else [matrices]:
+            decision = decide_positive_definite(matrix.negated())
+            if decision.verdict is not Verdict.PROVED:
+                reason = f"the matrix inequality fails in mode {mode} for these multipliers."
+                return refuted(step="inequality", mode=mode, reason=reason, witness=decision.witness)
+    if not region_holds(lure, sectors):
+        return refuted(step="region", reason="{V <= level} reaches beyond the radius on which the gains are bounded.")
+    everywhere = "everywhere (all gains are bounded for every y)"
+    where = everywhere if lure.level is None else f"while V <= {float(lure.level):.6g}"
+    reason = f"V decreases, V' <= -2 ({float(lure.rate):.4g}) V, {where}."
+    return LureDecision(verdict=Verdict.PROVED, reason=reason)
 
 
 def region_holds(lure: Lure, sectors: Sectors) -> bool:
-    """Whether {e'P_e e <= level} keeps every |e_j - e_i| within the radius: level c'P_e^-1 c <= radius^2.
-
-    P_e > 0 has to be known.  Without a level no range may need a radius.
-    """
-    places = () if lure.radius is None else relied_differences(sectors.problem)
+    """Whether {e'P_e e <= level} keeps every |e_j - e_i| within the radius: level c'P_e^-1 c <= radius^2.  P_e > 0
+    has to be known.  Without a level no range may need a radius."""
+    places = () if lure.radius is None else channels.relied_differences(sectors.problem)
     if lure.level is None or lure.radius is None or not places:
         return not places
-    level, square = lure.level, lure.radius**2
-    return all(level * width <= square for width in differences(lure.P_e, places))
+    return all(lure.level * width <= lure.radius**2 for width in differences(lure.P_e, places))
 
 
 def differences(P_e: SparseSymmetric, places: Iterable[tuple[int, int]]) -> Iterator[Fraction]:
     """c'P_e^-1 c for c = u_j - u_i, exactly: the square of the largest c'e on {e'P_e e <= 1}.  P_e > 0."""
-    if all(i == j for i, j in P_e.entries):
-        for i, j in places:
-            yield 1 / P_e.entries[i, i] + 1 / P_e.entries[j, j]
-        return
-    Y = inverse(P_e.to_dense())
-    for i, j in places:
-        yield Y[i][i] + Y[j][j] - 2 * Y[i][j]
+    diagonal = all(i == j for i, j in P_e.entries)
+    Y, own = () if diagonal else inverse(P_e.to_dense()), diagonal_of_inverse(P_e) if diagonal else []
+    return (own[i] + own[j] if diagonal else Y[i][i] + Y[j][j] - 2 * Y[i][j] for i, j in places)
 
 
 def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
@@ -101,22 +117,17 @@ def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
 
 def border_of(problem: Problem, lure: Lure, rate: Fraction) -> Matrix | None:
     """S of the observer's pair at a rate (1/s), exactly; None without a pair, or unless Omega0 + 2 rate P < 0.
-
-    Raises: ShapeError for a pair without an exosystem.
-    """
+    Raises: ShapeError for a pair without an exosystem."""
     if lure.P is None or lure.Q is None:
         return None
-    exosystem = problem.joint_exosystem
-    if exosystem is None:
+    if (exosystem := problem.joint_exosystem) is None:
         raise ShapeError("P and Q have no meaning without an [exosystem].", key="P")
     return schur_block(Pair(P=lure.P, Q=lure.Q), exosystem, rate=rate)
 
 
 def covers(problem: Problem, lure: Lure, *, radius: Fraction, disturbance: Fraction = ZERO) -> bool:
-    """Whether all starts |e| <= radius, |eps_i| <= disturbance lie in {V <= level}: proved, or not.
-
-    lambda_max(P_e) radius^2 + n lambda_max(P) disturbance^2 <= level, with rational upper bounds of the eigenvalues.
-    """
+    """Whether all starts |e| <= radius, |eps_i| <= disturbance lie in {V <= level}: proved, or not.  lambda_max(P_e)
+    radius^2 + n lambda_max(P) disturbance^2 <= level, with rational upper bounds of the eigenvalues."""
     room = _room(problem, lure, disturbance)
     return room is None or (room >= 0 and eigenvalue_bound(lure.P_e) * radius**2 <= room)
 
@@ -153,57 +164,20 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
     return max(rows)
 
 
-def _steps(problem: Problem, lure: Lure, sectors: Sectors, enclose: Enclose) -> Iterator[LureDecision | None]:
-    """One decision per step, None where it holds; the first one that is not None decides."""
-    yield _gains(problem, lure, enclose)
-    positive = decide_positive_definite(lure.P_e)
-    if positive.verdict is not Verdict.PROVED:
-        yield _refuted("P_e", "P_e is not positive definite.", positive)
-    S = border_of(problem, lure, lure.rate)
-    if lure.P is not None:
-        own = decide_positive_definite(SparseSymmetric.from_dense(lure.P))
-        if S is None or own.verdict is not Verdict.PROVED:
-            yield _refuted("observer", "P > 0 and Omega0 + 2 rate P < 0 do not hold for this pair (P, Q).", None)
-            return
-    for mode in sectors.modes:
-        yield _inequality(lure, sectors, mode, S)
-    if not region_holds(lure, sectors):
-        yield _refuted("region", "{V <= level} reaches beyond the radius on which the gains are bounded.", None)
-
-
-def _gains(problem: Problem, lure: Lure, enclose: Enclose) -> LureDecision | None:
+def _gains_left_open(problem: Problem, lure: Lure, enclose: Enclose) -> str | None:
+    """Why the gains are not shown to lie in the ranges claimed; None if they are."""
     for each in lure.ranges:
         coupling = problem.couplings[each.coupling]
         if each.radius is None and not coupling.is_linear:
-            return _undecided(f'h = "{coupling.texts[0]}" is not linear, so its gains need a radius.')
+            return f'h = "{coupling.texts[0]}" is not linear, so its gains need a radius.'
         try:
             found = enclose(coupling, Fraction(1) if each.radius is None else each.radius)
         except UndefinedError as error:
-            return _undecided(f"the gains cannot be enclosed: {error}")
+            return f"the gains cannot be enclosed: {error}"
         pairs = zip(each.entries, found, strict=True)
         if not all(mine.contains(gain) for row, own in pairs for mine, gain in zip(row, own, strict=True)):
-            return _undecided(f'the gains of h = "{coupling.texts[0]}" are not shown to lie in the range claimed.')
+            return f'the gains of h = "{coupling.texts[0]}" are not shown to lie in the range claimed.'
     return None
-
-
-def _inequality(lure: Lure, sectors: Sectors, mode: str, S: Matrix | None) -> LureDecision | None:
-    for matrix in _matrices(lure, sectors, mode, S):
-        decision = decide_positive_definite(matrix.negated())
-        if decision.verdict is not Verdict.PROVED:
-            return _refuted(
-                "inequality", f"the matrix inequality fails in mode {mode} for these multipliers.", decision, mode=mode
-            )
-    return None
-
-
-def _matrices(lure: Lure, sectors: Sectors, mode: str, S: Matrix | None) -> Iterator[SparseSymmetric]:
-    """What has to be negative definite."""
-    if lure.method == "lure":
-        yield lure_matrix(sectors, mode, lure.P_e, lure.multipliers.get(mode, ()), rate=lure.rate, S=S)
-    elif lure.method == "interval":
-        yield interval_matrix(sectors, mode, lure.P_e, rate=lure.rate, S=S)
-    else:
-        yield from vertex_matrices(sectors, mode, lure.P_e, rate=lure.rate, S=S)
 
 
 def _room(problem: Problem, lure: Lure, disturbance: Fraction) -> Fraction | None:
@@ -217,15 +191,6 @@ def _room(problem: Problem, lure: Lure, disturbance: Fraction) -> Fraction | Non
     return lure.level - problem.n * eigenvalue_bound(SparseSymmetric.from_dense(lure.P)) * disturbance**2
 
 
-def _refuted(step: str, reason: str, decision: Definiteness | None, *, mode: str | None = None) -> LureDecision:
-    witness = None if decision is None else decision.witness
-    return LureDecision(verdict=Verdict.REFUTED, step=step, mode=mode, witness=witness, reason=reason)
-
-
-def _undecided(reason: str) -> LureDecision:
-    return LureDecision(verdict=Verdict.UNDECIDED, step="gains", reason=reason)
-
-
 def _short_above(value: Fraction) -> Fraction:
     """A number of 12 significant digits that is not below."""
     if value <= 0:
@@ -234,7 +199,180 @@ def _short_above(value: Fraction) -> Fraction:
     return math.ceil(value * unit) / unit
 
 
-def _where(lure: Lure) -> str:
+def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
+    """Why no quadratic certificate applies to the loop with the gain W (q, m); None if one does."""
+    if problem.groups and W is None:
+        return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
+    return None
+
+
+def certified_ball(problem: Problem, lure: Lure, *, disturbance: float) -> float:
+    """The largest |e| to be claimed for |eps_i| <= disturbance, a little in hand; inf for all of space, 0 for none."""
+    radius = covered_radius(problem, lure, disturbance=claimed(disturbance))
+    return radius if math.isinf(radius) else shorten(radius * (1 - IN_HAND), digits=_DIGITS)
+
+
+def lure_check(
+    problem: Problem, W: Matrix | None, lure: Lure, *, radius: float, disturbance: float, domain: str, remark: str = ""
+) -> Check:
+    """Decide ``lure`` as a proof for every start with |e| <= radius and |eps_i| <= disturbance (all starts without a
+    level): PROVED or UNDECIDED, with that ``domain``, because one claim that fails says nothing against the others."""
+    reason = quadratic_obstacle(problem, W)
+    if reason is not None:
+        return undecided_check("lure", domain, reason, applies=False)
+    decision = verify_lure(problem, lure)
+    if decision.verdict is not Verdict.PROVED:
+        return undecided_check("lure", domain, decision.reason)
+    if lure.level is not None and not covers(problem, lure, radius=claimed(radius), disturbance=claimed(disturbance)):
+        return undecided_check("lure", domain, "the ball asked for is not inside the invariant set.")
+    return Check(
+        id="lure",
+        verdict=Verdict.PROVED,
+        rate=rate_of(lure),
+        domain="global" if lure.level is None else starts_in("ball", radius, disturbance),
+        claim=lure,
+        reason=f"{decrease_in_words(problem, lure, radius, disturbance)}, for all gains that the couplings have there"
+        f" ({_DEVICES[lure.method]}, {IN_WORDS[lure.shape]}){in_every_mode(problem)}.{remark}",
+    )
+
+
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
+    """None if everything a proved ``lure`` claims is confirmed, else what is not; ``domain`` is that of Lemma 1.
+    Raises what a malformed claim raises."""
+    reason = wrong_outside(check, problem, W)
+    if reason is not None:
+        return reason
+    lure = read_claim(check, problem, W)
     if lure.level is None:
-        return "everywhere (all gains are bounded for every y)"
-    return f"while V <= {float(lure.level):.6g}"
+        if check.domain != "global" or domain != "global":
+            return "without a level the domain must be global, and every coupling linear"
+    elif not ball_is_inside(problem, lure, check.domain):
+        return "the ball is not inside the invariant set"
+    return not_shown(check, problem, lure, verify_lure(problem, lure))
+
+
+def wrong_outside(check: Check, problem: Problem, W: Matrix | None) -> str | None:
+    """What is wrong before the exact values are looked at."""
+    reason = quadratic_obstacle(problem, W)
+    if reason is not None:
+        return reason
+    if check.verdict is not Verdict.PROVED or check.witness is not None:
+        return "it can only be proved or undecided, and has no witness"
+    return None
+
+
+def not_shown(check: Check, problem: Problem, lure: Lure, decision: LureDecision) -> str | None:
+    """What ``decision`` leaves open of a claimed check; None if nothing."""
+    if decision.verdict is not Verdict.PROVED:
+        return decision.reason
+    modes = build_sectors(problem, lure.ranges, radius=lure.radius).modes
+    pairs = [pair for mode, taus in lure.multipliers.items() for pair in zip(modes[mode], taus, strict=True)]
+    if any(tau and not channel.spread for channel, tau in pairs):
+        return "a multiplier of a channel without a range is not 0"
+    if check.rate is not None and not numbers.follows(check.rate, lure.rate):
+        return f"the rate {check.rate} does not follow"
+    return None
+
+
+def ball_is_inside(problem: Problem, lure: Lure, domain: object) -> bool:
+    """Whether the domain is a ball of covered starts.  Raises: ValueError or TypeError if it is no ball."""
+    radius, disturbance = read_domain(domain, problem, kind="ball")
+    return covers(problem, lure, radius=radius, disturbance=disturbance)
+
+
+def rate_of(lure: Lure) -> float | None:
+    """The claimed rate in 1/s, rounded down; None for 0."""
+    return numbers.decimal_below(lure.rate) or None if lure.rate else None
+
+
+def decrease_in_words(problem: Problem, lure: Lure, radius: float, disturbance: float) -> str:
+    """The covered starts, V and its decay as part of a sentence."""
+    errors = f" and |eps_i| <= {disturbance:.6g}" if problem.groups else ""
+    within = "" if lure.level is None else f" with |e| <= {radius:.6g}{errors}"
+    V = "e'P_e e" + ("" if lure.P is None else " + sum eps_i'P eps_i")
+    pace = f", at least like exp(-2 ({shorten(lure.rate, digits=4):.4g}) t)" if lure.rate else ""
+    return f"from every start{within} V = {V} decreases{pace}"
+
+
+def in_every_mode(problem: Problem) -> str:
+    """What is added for several modes."""
+    return ", in every mode" if len(problem.network.modes) > 1 else ""
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Lure:
+    """What a proved check claims, for this problem and the gain W (q, m); raises as ``lure_from_json``."""
+    return lure_from_json(read_object(check.exact, names_of(problem)), problem, W)
+
+
+def lure_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None) -> Lure:
+    """Read them back for this problem and the gain W (q, m).  Raises: KeyError, TypeError, ValueError, ShapeError or
+    SpecError for anything that cannot be such a claim."""
+    radius, level = (None if values[name] is None else read_rational(values[name]) for name in ("radius", "level"))
+    if (radius is None) is not (level is None):
+        raise ValueError("radius and level must both be null, or neither")
+    if radius is not None and radius <= 0:
+        raise ValueError("radius must be > 0")
+    method = next((method for method in METHODS if values["method"] == method), None)
+    if method is None:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}")
+    P = None
+    if problem.groups:
+        P = tuple(tuple(read_rational(entry) for entry in row) for row in values["P"])
+        square = [len(row) for row in P] == [problem.q] * problem.q
+        if not square or not is_symmetric(P) or not numbers.is_short(P):
+            raise ValueError(f"P must be a symmetric matrix of {problem.q} rows, with a short common denominator")
+    return Lure(
+        method=method,
+        P_e=_sparse(values["P_e"], problem.n * problem.m),
+        level=level,
+        radius=radius,
+        ranges=_ranges(values["ranges"], problem, radius),
+        multipliers=_multipliers(values, problem),
+        rate=read_rational(values["rate"]),
+        P=P,
+        Q=None if P is None or W is None else multiply(P, W),
+    )
+
+
+def names_of(problem: Problem) -> tuple[str, ...]:
+    """The keys of ``exact``."""
+    return (*_LURE, "P") if problem.groups else _LURE
+
+
+def _sparse(rows: object, size: int) -> SparseSymmetric:
+    """The nonzero entries [a, b, value], a <= b, each once."""
+    if not isinstance(rows, list):
+        raise TypeError("P_e must be a list")
+    entries: dict[tuple[int, int], Fraction] = {}
+    for row in rows:
+        i, j, text = row
+        if type(i) is not int or type(j) is not int or (i, j) in entries:
+            raise ValueError("P_e must list each entry once, with two whole numbers")
+        entries[i, j] = read_rational(text)
+    if not all(entries.values()) or not has_short_denominator(entries.values(), numbers.MATRIX_BITS):
+        raise ValueError("an entry of P_e is 0, or they need too long a common denominator")
+    return SparseSymmetric(size, entries)
+
+
+def _ranges(data: object, problem: Problem, radius: Fraction | None) -> tuple[GainRange, ...]:
+    if not isinstance(data, list):
+        raise TypeError("ranges must be a list")
+    found = []
+    for each in data:
+        values = read_object(each, ("coupling", "gains"))
+        if type(values["coupling"]) is not int:
+            raise TypeError("coupling must be a whole number")
+        rows = [[Interval(*map(read_rational, ends)) for ends in row] for row in values["gains"]]
+        found.append(GainRange(coupling=values["coupling"], radius=radius, entries=tuple(map(tuple, rows))))
+    if sorted(each.coupling for each in found) != sorted(channels.used_couplings(problem)):
+        raise ValueError("ranges must name every coupling that an arc has, once")
+    return tuple(found)
+
+
+def _multipliers(values: Mapping[str, Any], problem: Problem) -> dict[str, tuple[Fraction, ...]]:
+    names = tuple(problem.network.modes) if values["method"] == "lure" else ()
+    taus = read_object(values["multipliers"], names)
+    found = {mode: tuple(map(read_rational, taus[mode])) for mode in names}
+    if not all(has_short_denominator(each, numbers.VECTOR_BITS) for each in found.values()):
+        raise ValueError("multipliers need too long a common denominator")
+    return found

@@ -1,8 +1,7 @@
 """Finds quadratic certificates: P_e, multipliers and the observer's pair for the largest ball.
 
 At the analytic centre of the inequalities the radius is raised until they are about to fail, then the centre is found
-anew (method of centres).  What is found in floating point is rounded to rationals and handed to ``holds``, which
-decides exactly; only what that accepts is returned.
+anew (method of centres).  What is found is rounded, and only what ``holds`` accepts, exactly, is returned.
 """
 
 from __future__ import annotations
@@ -11,26 +10,25 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from typing import Final
 
 import numpy as np
 from scipy import linalg, optimize
 
-from dobc_design.conditions.consensus.claim import omega
+from dobc_design.conditions.consensus.claim import Gain, omega
 from dobc_design.conditions.numbers import rounded_down
+from dobc_design.conditions.quadratic import propose_program as programs
 from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
-from dobc_design.conditions.quadratic.propose_program import (
-    FloatLoop,
-    Gains,
-    Templates,
-    centring,
-    covering,
-    float_loop,
-    make_templates,
-    range_gains,
-    sample_gains,
+from dobc_design.conditions.quadratic.propose_program import FloatLoop, Gains, float_loop, sample_gains
+from dobc_design.conditions.quadratic.sectors import (
+    Enclose,
+    GainRange,
+    Sectors,
+    build_sectors,
+    enclose_ranges,
+    gains_on,
 )
-from dobc_design.conditions.quadratic.sectors import Enclose, Entries, Sectors, build_sectors, enclose_ranges, gains_on
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -38,7 +36,7 @@ from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.groups import agent_blocks
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.barrier import Basis, centre, make_basis, minimise
+from dobc_design.solvers.barrier import Basis, Inequalities, centre, make_basis, minimise
 from dobc_design.solvers.program import Array, round_matrix
 
 Holds = Callable[[Lure], bool]
@@ -53,8 +51,7 @@ SETTLED: Final = 3e-4
 MOST_CENTRES: Final = 60
 TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
 CONDITION: Final = 100.0
-#: Gains are claimed this much wider, relative to the largest, so that a second program can confirm them.
-ROOM: Final = Fraction(1, 10**5)
+ROOM: Final = Fraction(1, 10**5)  # gains are claimed this much wider, so that a second program can confirm them
 ZERO: Final = Fraction(0)
 _EDGE: Final = 1e-3
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
@@ -62,7 +59,7 @@ _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
 _NOT_NEEDED: Final = 1e4
 
 
-def roomy_gains(coupling: Coupling, radius: Fraction, *, room: Fraction = ROOM) -> Entries:
+def roomy_gains(coupling: Coupling, radius: Fraction, *, room: Fraction = ROOM) -> Gain:
     """``gains_on``, a little wider where h is not linear, for whoever encloses them in another way."""
     entries = gains_on(coupling, radius)
     if coupling.is_linear:
@@ -84,30 +81,31 @@ def design_lure(
     largest: Fraction = Fraction(1000),
     enclose: Enclose = gains_on,
 ) -> Lure | None:
-    """Find the certificate with the largest covered ball |e| <= R, |eps_i| <= disturbance that ``holds`` accepts.
+    """The certificate with the largest covered ball |e| <= R, |eps_i| <= disturbance that ``holds`` accepts, or None.
 
-    ``shape`` of P_e; a full one has n m (n m + 1)/2 unknowns, which make a dense Newton system: for some 20 rows.
-    ``W`` (q, m): the observer's gain; without it eps = 0 is meant.  ``rate`` (1/s): asked of V' <= -2 rate V.
-    ``largest``: no |e_j - e_i| beyond it is looked at.
-    Returns: None if none was found, which proves nothing.
-    Raises: SpecError for a W without an exosystem.
+    A P_e of full ``shape`` has n m (n m + 1)/2 unknowns, which make a dense Newton system: for some 20 rows.  Without
+    the gain ``W`` (q, m) eps = 0 is meant.  No |e_j - e_i| beyond ``largest`` is looked at.  Raises: SpecError.
     """
     pair = None if W is None else scaled_pair(problem, W, rate=rate, disturbance=disturbance)
     if W is not None and pair is None:
         return None
-    templates, basis = make_templates(problem), make_basis(problem.n * problem.m, shape)
-    for sampled in (True, False):  # enclosures in the search only where the samples have misled
-        search = _Search(
-            problem=problem, templates=templates, enclose=enclose, basis=basis, pair=pair, rate=rate, sampled=sampled
-        )
-        tried = False
-        for lure in _candidates(search, float(largest)):
-            tried = True
-            if holds(lure):
-                return lure
-        if not tried:
-            break
-    return None
+    search = _Search(
+        problem=problem,
+        templates=programs.make_templates(problem),
+        enclose=enclose,
+        basis=make_basis(problem.n * problem.m, shape),
+        pair=pair,
+        rate=rate,
+        sampled=True,
+    )
+    tried: Lure | None = None
+    for tried in search.candidates(float(largest)):
+        if holds(tried):
+            return tried
+    if tried is None:
+        return None
+    # enclosures in the search only where the samples have misled
+    return next(filter(holds, replace(search, sampled=False).candidates(float(largest))), None)
 
 
 def bound_lure(
@@ -121,11 +119,8 @@ def bound_lure(
     largest: Fraction = Fraction(1000),
     enclose: Enclose = gains_on,
 ) -> Lure | None:
-    """The largest radius that the method "interval" or "vertices" proves for a given P_e (I), by bisection.
-
-    P, Q: the observer's pair as it is; without it eps = 0 is meant.  None if no radius down to 1e-6 is proved.
-    Raises: SpecError for "vertices" with too many arcs.
-    """
+    """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's pair (None: eps =
+    0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices" with too many arcs."""
     size = problem.n * problem.m
     metric = SparseSymmetric(size, {(i, i): Fraction(1) for i in range(size)}) if P_e is None else P_e
 
@@ -139,14 +134,11 @@ def bound_lure(
         lure = Lure(P_e=metric, ranges=ranges, radius=exact, level=level, P=P, Q=Q, method=method)
         return lure if holds(lure) else None
 
-    low, best = 1e-6, at(1e-6)
-    if best is None:
-        return None
-    high = 1e-3
-    while high < largest and (found := at(high)) is not None:
+    low, high, best = 1e-6, 1e-3, at(1e-6)
+    while best is not None and high < largest and (found := at(high)) is not None:
         low, best, high = high, found, 4 * high
     high = min(high, float(largest))
-    for _ in range(HALVINGS):
+    for _ in range(HALVINGS if best is not None else 0):
         middle = (low + high) / 2
         found = at(middle)
         low, high, best = (middle, high, found) if found is not None else (low, middle, best)
@@ -158,25 +150,17 @@ def _level(P_e: SparseSymmetric, problem: Problem, radius: Fraction) -> Fraction
     if all(i == j and value == 1 for (i, j), value in P_e.entries.items()):
         return radius * radius / 2
     m, Y = problem.m, np.linalg.inv(to_float(P_e.to_dense()))
-    largest = max(
-        Y[i, i] + Y[j, j] - 2 * Y[i, j]
-        for arcs in problem.network.modes.values()
-        for listener, speaker, _ in arcs
-        for i, j in zip(range(listener * m, listener * m + m), range(speaker * m, speaker * m + m), strict=True)
-    )
+    arcs = [arc for mode in problem.network.modes.values() for arc in mode]
+    pairs = [(listener * m + c, speaker * m + c) for listener, speaker, _ in arcs for c in range(m)]
+    largest = max(Y[i, i] + Y[j, j] - 2 * Y[i, j] for i, j in pairs)
     return rounded_down(float(radius) ** 2 / float(largest) * (1 - _SHORTFALL), digits=10)
 
 
 def raise_rate(problem: Problem, lure: Lure, *, holds: Holds) -> Lure:
     """The same certificate with the largest rate that ``holds`` accepts, in steps below an estimate."""
     estimate = rate_estimate(problem, lure)
-    for part in (1e-6, 1e-3, 0.01, 0.1, 0.5):
-        rate = rounded_down(estimate * (1 - part), digits=6) if estimate > 0 else ZERO
-        if rate > lure.rate:
-            faster = replace(lure, rate=rate)
-            if holds(faster):
-                return faster
-    return lure
+    rates = [rounded_down(estimate * (1 - part), digits=6) for part in (1e-6, 1e-3, 0.01, 0.1, 0.5) if estimate > 0]
+    return next(filter(holds, (replace(lure, rate=rate) for rate in rates if rate > lure.rate)), lure)
 
 
 def rate_estimate(problem: Problem, lure: Lure) -> float:
@@ -185,9 +169,8 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
         return 0.0
     sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
     P_e = to_float(lure.P_e.to_dense())
-    fixed = [
-        to_float(lure_matrix(sectors, mode, lure.P_e, lure.multipliers[mode]).to_dense()) for mode in sectors.modes
-    ]
+    exact = [lure_matrix(sectors, mode, lure.P_e, lure.multipliers[mode]) for mode in sectors.modes]
+    fixed = [to_float(each.to_dense()) for each in exact]
 
     def decreases(beta: float) -> bool:
         observer = np.zeros_like(P_e)
@@ -207,13 +190,11 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
 
 def linear_rate(problem: Problem, W: Matrix | None) -> float:
     """What no certificate can exceed: the decay rate near the consensus, the slowest mode's or the observer's (1/s).
-
-    About, in floats; 0 where that does not decay, or where a coupling is not defined.
-    """
+    About, in floats; 0 where that does not decay, or where a coupling is not defined."""
     gains = sample_gains(problem.couplings, NEAR)
     if gains is None:
         return 0.0
-    loop = float_loop(make_templates(problem), gains, radius=None, S=None, rate=0.0)
+    loop = float_loop(programs.make_templates(problem), gains, radius=None, S=None, rate=0.0)
     blocks = [mode.A for mode in loop.modes]
     exosystem = problem.joint_exosystem
     if exosystem is not None and W is not None:
@@ -288,7 +269,7 @@ class _Search:
     """A design in progress: what stays the same over all radii.  ``sampled``: gains in floats, not enclosed."""
 
     problem: Problem
-    templates: Templates
+    templates: programs.Templates
     enclose: Enclose
     basis: Basis
     pair: ScaledPair | None
@@ -300,32 +281,31 @@ class _Search:
         """N lambda_max(P) s^2 for kappa = 1; 0 without an observer."""
         return 0.0 if self.pair is None else self.pair.disturbance
 
+    def ranges(self, radius: Fraction | None) -> tuple[GainRange, ...] | None:
+        """The enclosed gains at a radius; None where a coupling is not defined."""
+        try:
+            return enclose_ranges(self.problem, radius=radius, enclose=self.enclose)
+        except UndefinedError:
+            return None
+
     def loop(self, radius: float | None) -> FloatLoop | None:
         """The numbers at a radius; None where the couplings have no bounded gains."""
         exact = None if radius is None else rounded_down(radius, digits=6)
-        gains = self._gains(exact)
-        if gains is None:
-            return None
-        S = None if self.pair is None else self.pair.S
-        reach = None if exact is None else float(exact)
-        return float_loop(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
-
-    def _gains(self, radius: Fraction | None) -> Gains | None:
-        couplings = self.problem.couplings
+        reach, couplings = None if exact is None else float(exact), self.problem.couplings
+        gains: Gains | None = None
         if self.sampled:
-            return sample_gains(couplings, 1.0 if radius is None else float(radius))
-        try:
-            ranges = enclose_ranges(self.problem, radius=radius, enclose=self.enclose)
-        except UndefinedError:
-            return None
-        return range_gains(ranges, len(couplings), self.problem.m)
+            gains = sample_gains(couplings, 1.0 if reach is None else reach)
+        elif (ranges := self.ranges(exact)) is not None:
+            gains = programs.range_gains(ranges, len(couplings), self.problem.m)
+        S = None if self.pair is None else self.pair.S
+        return None if gains is None else float_loop(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
 
     def inside(self, point: _Point, radius: float) -> bool:
         """Whether the inequalities hold at another radius with the same unknowns."""
         loop = self.loop(radius)
         if loop is None or loop.multipliers != len(point.t):
             return False
-        program = centring(loop, self.basis)
+        program = programs.centring(loop, self.basis)
         return program.holds(program.join(point.Y, point.scalars))
 
     def centred(self, radius: float | None, start: _Point | None) -> _Point | None:
@@ -333,18 +313,15 @@ class _Search:
         loop = self.loop(radius)
         if loop is None:
             return None
-        program = centring(loop, self.basis)
+        program = programs.centring(loop, self.basis)
         guess = None if start is None else program.join(start.Y, start.scalars)
         if guess is None or len(guess) != self.basis.size + program.count or not program.holds(guess):
             guess = self._phase_one(loop)
-        if guess is None:
-            return None
-        Y, x = program.split(centre(program, guess))
-        return _point(loop, radius, Y, x)
+        return None if guess is None else _point(loop, radius, *program.split(centre(program, guess)))
 
     def _phase_one(self, loop: FloatLoop) -> Array | None:
         """Minimise theta in F + theta I > 0 until it is negative."""
-        program = centring(loop, self.basis, shift=True)
+        program = programs.centring(loop, self.basis, shift=True)
         start = program.join(np.eye(loop.size) / 2, [*[1.0] * (program.count - 1), 0.0])
         lowest = min(float(np.linalg.eigvalsh(block.value(*program.split(start)))[0]) for block in program.blocks)
         start[-1] = max(1.0, -2 * lowest)
@@ -363,9 +340,14 @@ class _Search:
         size = 0.5 / max(float(np.max(loop.widths(start.Y) / loop.reach**2, initial=0.0)), 1e-12)
         kappa = None if start.kappa is None else size * start.kappa
         inner = _Point(radius=start.radius, Y=size * start.Y, t=size * start.t, kappa=kappa)
+        # How far the eigenvalues of Y may lie apart: enough for the point that it starts from.
+        values = np.linalg.eigvalsh(start.Y)
+        cover = partial(
+            programs.covering, loop, self.basis, condition=max(CONDITION, 4 * float(values[-1] / values[0]))
+        )
         disturbed = kappa is not None and self.disturbance > 0
         if disturbed:
-            found = self._room_for(loop, inner)
+            found = self._room_for(loop, cover(disturbance=0.0), inner)
             if found is None or found.kappa is None:
                 return None
             inner = found
@@ -374,7 +356,7 @@ class _Search:
         if disturbed and inner.kappa is not None:
             share = (1 + self.disturbance / inner.kappa) / 2
             scalars += [0.1 * math.sqrt(lowest * (1 - share)), share]
-        program = covering(loop, self.basis, disturbance=self.disturbance, condition=_condition(start.Y))
+        program = cover(disturbance=self.disturbance)
         point = program.join(inner.Y, scalars)
         if not program.holds(point):
             return None
@@ -385,10 +367,9 @@ class _Search:
         value = float(point[goal]) if disturbed else math.sqrt(float(point[goal]))
         return replace(_point(loop, start.radius, *program.split(point)), value=value)
 
-    def _room_for(self, loop: FloatLoop, start: _Point) -> _Point | None:
+    def _room_for(self, loop: FloatLoop, program: Inequalities, start: _Point) -> _Point | None:
         """Raise kappa, within the radii, until the disturbance leaves room for e; None if it never does."""
         needed = self.disturbance
-        program = covering(loop, self.basis, disturbance=0.0, condition=_condition(start.Y))
         point = program.join(start.Y, [*start.scalars, 0.5 * float(np.linalg.eigvalsh(start.Y)[0])])
         if not program.holds(point):
             return None
@@ -440,68 +421,56 @@ class _Search:
             return -ball.value
 
         if any(lost(part * top) for part in TRIED):
-            optimize.minimize_scalar(
-                lost, bounds=(0.5 * top, top), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * top}
-            )
+            options = {"maxiter": 12, "xatol": 1e-3 * top}
+            optimize.minimize_scalar(lost, bounds=(0.5 * top, top), method="bounded", options=options)
         return sorted(found, key=lambda each: -each.value)
+
+    def candidates(self, largest: float) -> Iterator[Lure]:
+        """Certificates worth trying, the best first."""
+        if self.problem.is_linear:
+            points = [self.centred(None, None)]
+        else:
+            path = self.path(largest)
+            points = [*self.largest_balls(path)[:BALLS]] if path else []
+        for point in points:
+            if point is not None:
+                yield from self._roundings(point)
+
+    def _roundings(self, point: _Point) -> Iterator[Lure]:
+        """Certificates near a point, the shortest numbers first, with lambda_max(P_e) about 1."""
+        problem, pair, loop = self.problem, self.pair, self.loop(point.radius)
+        radius = None if point.radius is None else rounded_down(point.radius, digits=6)
+        ranges = self.ranges(radius)
+        if loop is None or ranges is None:  # the samples have not met the place where it is not defined
+            return
+        sectors = build_sectors(problem, ranges, radius=radius)
+        unit = float(np.linalg.eigvalsh(point.Y)[0])
+        inverse = np.linalg.inv(point.Y)
+        for digits in DIGITS:
+            P_e = round_matrix(unit * (inverse + inverse.T) / 2, digits)
+            reach = _reach(to_float(P_e), loop)
+            if not reach > 0:
+                continue
+            if radius is not None:  # a level and a radius belong together
+                reach = min(reach, _NOT_NEEDED * float(radius) ** 2)
+            a = Fraction(1) if pair is None or not point.kappa else rounded_down(unit / point.kappa, digits=digits)
+            P = None if pair is None else scale(a, pair.P)
+            yield Lure(
+                P_e=SparseSymmetric.from_dense(P_e),
+                ranges=ranges,
+                radius=radius,
+                level=None if math.isinf(reach) else rounded_down(reach * (1 - _SHORTFALL), digits=10),
+                multipliers=_multipliers(sectors, loop, point, unit, digits),
+                rate=self.rate,
+                P=P,
+                Q=None if P is None or pair is None else multiply(P, pair.W),
+            )
 
 
 def _point(loop: FloatLoop, radius: float | None, Y: Array, x: Array) -> _Point:
     """A point of any of the programs: t come first, then kappa, if there is an observer."""
     count = loop.multipliers
     return _Point(radius=radius, Y=Y, t=x[:count], kappa=None if loop.S is None else float(x[count]))
-
-
-def _condition(Y: Array) -> float:
-    """How far the eigenvalues of Y may lie apart where a ball is sought: enough for the point that it starts from."""
-    values = np.linalg.eigvalsh(Y)
-    return max(CONDITION, 4 * float(values[-1] / values[0]))
-
-
-def _candidates(search: _Search, largest: float) -> Iterator[Lure]:
-    """Certificates worth trying, the best first."""
-    if search.problem.is_linear:
-        point = search.centred(None, None)
-        points = [] if point is None else [point]
-    else:
-        path = search.path(largest)
-        points = search.largest_balls(path)[:BALLS] if path else []
-    for point in points:
-        yield from _roundings(search, point)
-
-
-def _roundings(search: _Search, point: _Point) -> Iterator[Lure]:
-    """Certificates near a point, the shortest numbers first, with lambda_max(P_e) about 1."""
-    problem, loop = search.problem, search.loop(point.radius)
-    if loop is None:
-        return
-    radius = None if point.radius is None else rounded_down(point.radius, digits=6)
-    try:
-        ranges = enclose_ranges(problem, radius=radius, enclose=search.enclose)
-    except UndefinedError:  # the samples have not met the place where it is not defined
-        return
-    sectors = build_sectors(problem, ranges, radius=radius)
-    unit = float(np.linalg.eigvalsh(point.Y)[0])
-    inverse = np.linalg.inv(point.Y)
-    for digits in DIGITS:
-        P_e = round_matrix(unit * (inverse + inverse.T) / 2, digits)
-        reach = _reach(to_float(P_e), loop)
-        if not reach > 0:
-            continue
-        if radius is not None:  # a level and a radius belong together
-            reach = min(reach, _NOT_NEEDED * float(radius) ** 2)
-        a = Fraction(1) if search.pair is None or not point.kappa else rounded_down(unit / point.kappa, digits=digits)
-        P = None if search.pair is None else scale(a, search.pair.P)
-        yield Lure(
-            P_e=SparseSymmetric.from_dense(P_e),
-            ranges=ranges,
-            radius=radius,
-            level=None if math.isinf(reach) else rounded_down(reach * (1 - _SHORTFALL), digits=10),
-            multipliers=_multipliers(sectors, loop, point, unit, digits),
-            rate=search.rate,
-            P=P,
-            Q=None if P is None or search.pair is None else multiply(P, search.pair.W),
-        )
 
 
 def _reach(P_e: Array, loop: FloatLoop) -> float:
@@ -517,8 +486,7 @@ def _multipliers(sectors: Sectors, loop: FloatLoop, point: _Point, unit: float, 
     result, start = {}, 0
     for mode in loop.modes:
         values = unit / (2 * mode.d * point.t[start : start + len(mode.d)])
-        places = zip(mode.target.tolist(), mode.plus.tolist(), mode.minus.tolist(), strict=True)
-        taus = dict(zip(places, values.tolist(), strict=True))
+        taus = dict(zip(map(tuple, mode.where.T.tolist()), values.tolist(), strict=True))
         result[mode.name] = tuple(
             rounded_down(taus[channel.target, channel.plus, channel.minus], digits=digits) if channel.spread else ZERO
             for channel in sectors.modes[mode.name]

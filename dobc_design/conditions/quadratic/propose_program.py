@@ -39,18 +39,14 @@ _NARROW: Final = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Template:
-    """What does not depend on the radius in one mode: the arcs' channels, and which of them have a range.
-
-    ``place`` (3, channels): coupling, row and column of the gain; ``curved``: whether it may have a width.
-    """
+    """What does not depend on the radius in one mode: (3, channels) ``place``, coupling, row and column of the gain,
+    and ``where``, target, plus and minus; ``curved``: whether it may have a width."""
 
     name: str
     place: Indices
+    where: Indices
     weight: Array
     curved: NDArray[np.bool_]
-    target: Indices
-    plus: Indices
-    minus: Indices
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,22 +60,18 @@ class Templates:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FloatMode:
-    """One mode in floats: A0 (n m, n m), and of every channel with a range its ends and d."""
+    """One mode in floats: A0 (n m, n m); of every channel with a range its target, plus and minus (3, k), and d."""
 
     name: str
     A: Array
-    target: Indices
-    plus: Indices
-    minus: Indices
+    where: Indices
     d: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FloatLoop:
-    """All modes at one radius, the borders S (n m, n m) of the observers or None, and the rate beta.
-
-    ``ends`` (pairs, 2) and ``reach`` (pairs,): |e_i - e_j| <= reach, each pair once.
-    """
+    """All modes at one radius, the borders S (n m, n m) of the observers or None, and the rate beta.  ``ends``
+    (pairs, 2) and ``reach`` (pairs,): |e_i - e_j| <= reach, each pair once."""
 
     size: int
     modes: tuple[FloatMode, ...]
@@ -100,12 +92,10 @@ class FloatLoop:
 
 
 def sample_gains(couplings: Sequence[Coupling], radius: float) -> Gains | None:
-    """Lowest and highest gains of every coupling on |y_c| <= radius; None where one is not finite.
-
-    Thousands of times as fast as enclosures, with which what is found is proved afterwards, and a little wider.
-    """
+    """Lowest and highest gains of every coupling on |y_c| <= radius; None where one is not finite.  Thousands of
+    times as fast as enclosures, with which what is found is proved afterwards, and a little wider."""
     found = [_by_component(each, radius) if each.by_component else _of_vectors(each, radius) for each in couplings]
-    low, high = np.array([pair[0] for pair in found]), np.array([pair[1] for pair in found])
+    low, high = (np.array(ends) for ends in zip(*found, strict=True))
     if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high))):
         return None
     margin = WIDER * np.where(high > low, np.maximum(np.abs(low), np.abs(high)), 0.0)
@@ -114,11 +104,11 @@ def sample_gains(couplings: Sequence[Coupling], radius: float) -> Gains | None:
 
 def range_gains(ranges: Sequence[GainRange], count: int, m: int) -> Gains:
     """The same arrays from enclosures; zero where a coupling is not used."""
-    low, high = np.zeros((count, m, m)), np.zeros((count, m, m))
+    ends = np.zeros((2, count, m, m))
     for each in ranges:
-        low[each.coupling] = [[nearest(gain.lo) for gain in row] for row in each.entries]
-        high[each.coupling] = [[nearest(gain.hi) for gain in row] for row in each.entries]
-    return low, high
+        ends[0, each.coupling] = [[nearest(gain.lo) for gain in row] for row in each.entries]
+        ends[1, each.coupling] = [[nearest(gain.hi) for gain in row] for row in each.entries]
+    return ends[0], ends[1]
 
 
 def _by_component(coupling: Coupling, radius: float) -> Gains:
@@ -149,8 +139,7 @@ def _of_vectors(coupling: Coupling, radius: float) -> Gains:
         with np.errstate(all="ignore"):
             slopes = (coupling.value(points + step) - coupling.value(points - step)) / (2 * _STEP * radius)
         low[:, d], high[:, d] = np.min(slopes, axis=0), np.max(slopes, axis=0)
-    flat = high - low < 1e-7 * (np.abs(high) + np.abs(low) + 1e-300)
-    middle = (low + high) / 2
+    flat, middle = high - low < 1e-7 * (np.abs(high) + np.abs(low) + 1e-300), (low + high) / 2
     return np.where(flat, middle, low), np.where(flat, middle, high)
 
 
@@ -159,7 +148,8 @@ def make_templates(problem: Problem) -> Templates:
     m, size = problem.m, problem.n * problem.m
     K = np.zeros((size, size))
     for agent, gain in problem.pinning.gains.items():
-        K[agent * m : (agent + 1) * m, agent * m : (agent + 1) * m] = [[nearest(x) for x in row] for row in gain]
+        own = slice(agent * m, (agent + 1) * m)
+        K[own, own] = [[nearest(x) for x in row] for row in gain]
     entries = [_entries(coupling) for coupling in problem.couplings]
     modes = []
     for name, arcs in problem.network.modes.items():
@@ -170,32 +160,17 @@ def make_templates(problem: Problem) -> Templates:
             for c, d, curved in entries[kind]
         ]
         columns = np.array(table, dtype=float).reshape(-1, 8).T
-        whole = columns[:6].astype(np.intp)
-        modes.append(
-            _Template(
-                name=name,
-                place=whole[:3],
-                target=whole[3],
-                plus=whole[4],
-                minus=whole[5],
-                curved=columns[6] > 0,
-                weight=columns[7],
-            )
-        )
+        place, where = np.split(columns[:6].astype(np.intp), 2)
+        modes.append(_Template(name=name, place=place, where=where, curved=columns[6] > 0, weight=columns[7]))
     return Templates(size=size, K=K, modes=tuple(modes))
 
 
 def _entries(coupling: Coupling) -> list[tuple[int, int, bool]]:
-    """Row and column of every gain that may not be 0, and whether it may have a range.
-
-    So may every gain of a coupling that is not linear, and an irrational one, which is known by an enclosure only.
-    """
-    m = range(coupling.dimension)
-    places = (
-        [(c, c) for c in m]
-        if coupling.by_component
-        else [(c, d) for c, component in enumerate(coupling.components) for d in variables_used(component.node)]
-    )
+    """Row and column of every gain that may not be 0, and whether it may have a range.  So may every gain of a
+    coupling that is not linear, and an irrational one, which is known by an enclosure only."""
+    places = [(c, c) for c in range(coupling.dimension)]
+    if not coupling.by_component:
+        places = [(c, d) for c, component in enumerate(coupling.components) for d in variables_used(component.node)]
     if not coupling.is_linear:
         return [(c, d, True) for c, d in places]
     slopes = coupling.jacobian_at_zero()
@@ -209,14 +184,12 @@ def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: A
     for mode in templates.modes:
         bottom, above = mode.weight * low[tuple(mode.place)], mode.weight * high[tuple(mode.place)]
         middle, A = (bottom + above) / 2, -templates.K
-        np.add.at(A, (mode.target, mode.plus), middle)
-        np.add.at(A, (mode.target, mode.minus), -middle)
-        kept = mode.curved
-        d = np.maximum((above - bottom) / 2, _NARROW * np.maximum(np.abs(middle), 1e-300))[kept]
-        modes.append(
-            FloatMode(name=mode.name, A=A, target=mode.target[kept], plus=mode.plus[kept], minus=mode.minus[kept], d=d)
-        )
-    pairs = [np.sort(np.stack([mode.plus, mode.minus], axis=1), axis=1) for mode in modes]
+        target, plus, minus = mode.where
+        np.add.at(A, (target, plus), middle)
+        np.add.at(A, (target, minus), -middle)
+        d = np.maximum((above - bottom) / 2, _NARROW * np.maximum(np.abs(middle), 1e-300))[mode.curved]
+        modes.append(FloatMode(name=mode.name, A=A, where=mode.where[:, mode.curved], d=d))
+    pairs = [np.sort(mode.where[1:].T, axis=1) for mode in modes]
     ends = np.unique(np.concatenate(pairs), axis=0) if radius is not None else np.zeros((0, 2), dtype=np.intp)
     return FloatLoop(
         size=templates.size, modes=tuple(modes), S=S, rate=rate, ends=ends, reach=np.full(len(ends), radius or 0.0)
@@ -224,20 +197,17 @@ def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: A
 
 
 def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
-    """The inequality of every mode over Y, t and, with an observer, kappa > 0.
-
-    ``shift``: a scalar theta with F + theta I > 0.
-    """
+    """The inequality of every mode over Y, t and, with an observer, kappa > 0.  ``shift``: a scalar theta with F +
+    theta I > 0."""
     blocks, n, start = [], loop.size, 0
     for mode in loop.modes:
-        k = len(mode.d)
-        root = np.sqrt(mode.d)
+        k, root, (target, plus, minus) = len(mode.d), np.sqrt(mode.d), mode.where
         left = np.vstack([mode.A + loop.rate * np.eye(n), np.zeros((k, n))])
         arcs = np.arange(k)
-        left[n + arcs, mode.plus] += root
-        left[n + arcs, mode.minus] -= root
+        left[n + arcs, plus] += root
+        left[n + arcs, minus] -= root
         columns = np.zeros((n + k, 2 * k))
-        columns[mode.target, arcs] = root
+        columns[target, arcs] = root
         columns[n + arcs, k + arcs] = 1.0
         dense = {}
         if loop.S is not None:
@@ -262,10 +232,8 @@ def _positive(scalar: int) -> Block:
 
 
 def centring(loop: FloatLoop, basis: Basis, *, shift: bool = False) -> Inequalities:
-    """Find Y, t, kappa with 0 < Y < I: the inequalities do not change when all are scaled.
-
-    Scalars: t, with an observer kappa, and with ``shift`` theta.
-    """
+    """Find Y, t, kappa with 0 < Y < I: the inequalities do not change when all are scaled.  Scalars: t, with an
+    observer kappa, and with ``shift`` theta."""
     count = loop.multipliers + (loop.S is not None)
     blocks = _decrease(loop, shift=count if shift else None)
     blocks.append(Block(constant=np.eye(loop.size), plain=-1.0))
@@ -280,17 +248,14 @@ def centring(loop: FloatLoop, basis: Basis, *, shift: bool = False) -> Inequalit
 
 
 def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: float) -> Inequalities:
-    """Find Y, t, kappa, lambda with Y > lambda I inside the radii, and with a disturbance R and its share b.
-
-    Scalars in this order; kappa with an observer only.  ``disturbance`` is n lambda_max(P) s^2 for kappa = 1; 0: lambda
-    is all there is.  ``condition``: Y < condition lambda I, so that directions that no radius limits stay tame.
-    """
+    """Find Y, t, kappa, lambda with lambda I < Y < condition lambda I (what no radius limits stays tame) in the
+    radii, and with a ``disturbance`` n lambda_max(P) s^2 at kappa = 1 a radius R and its share b, in this order."""
     kappa = loop.multipliers
     lambda_ = kappa + (loop.S is not None)
     eye = np.eye(loop.size)
     blocks = _decrease(loop)
-    blocks.append(Block(constant=np.zeros_like(eye), plain=1.0, dense={lambda_: -eye}))
-    blocks.append(Block(constant=np.zeros_like(eye), plain=-1.0, dense={lambda_: condition * eye}))
+    for sign, factor in ((1.0, -1.0), (-1.0, condition)):
+        blocks.append(Block(constant=np.zeros_like(eye), plain=sign, dense={lambda_: factor * eye}))
     disturbed = loop.S is not None and disturbance > 0
     if loop.S is not None:
         blocks.append(_positive(kappa))

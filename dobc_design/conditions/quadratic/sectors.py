@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cache
 from typing import Final
 
 from dobc_design.coupling.coupling import Coupling
@@ -36,9 +37,7 @@ _ZERO: Final = Interval.point(0)
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GainRange:
     """A claim about one coupling (its place in problem.couplings): its gains on |y_c| <= radius lie in ``entries``.
-
-    ``radius`` None: for every y.  The weight of an arc is not included.
-    """
+    ``radius`` None: for every y.  The weight of an arc is not included."""
 
     coupling: int
     radius: Fraction | None
@@ -47,10 +46,8 @@ class GainRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high.
-
-    Indices of the stacked e; weight included.
-    """
+    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high.  Indices of the stacked e; weight
+    included."""
 
     target: int
     plus: int
@@ -84,9 +81,7 @@ class Sectors:
 
 def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
     """Enclose the gains of a coupling on |y_c| <= radius, outwards.  Shape: (m, m), diagonal if by component.
-
-    Raises: UndefinedError naming h and the interval where h or its slope is not bounded.
-    """
+    Raises: UndefinedError naming h and the interval where h or its slope is not bounded."""
     box = Interval(-radius, radius)
     if coupling.by_component:
         gain = secant_range(Curve(coupling.components[0]), box)
@@ -95,22 +90,13 @@ def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
     return _jacobian_hull(coupling, (box,) * coupling.dimension)
 
 
-def enclose_ranges(
-    problem: Problem,
-    *,
-    radius: Fraction | None,
-    enclose: Enclose = gains_on,
-) -> tuple[GainRange, ...]:
-    """Enclose every coupling that the arcs of any mode use.
-
-    Ranges are widened to DIGITS significant digits, so that they are short and leave room for the enclosures
-    of whoever checks them; single gains stay exact.  ``radius`` None is for linear couplings.
-    Raises: SpecError for a radius that is not > 0, or None for a coupling that is not linear; UndefinedError.
-    """
+def enclose_ranges(problem: Problem, *, radius: Fraction | None, enclose: Enclose = gains_on) -> tuple[GainRange, ...]:
+    """Enclose every coupling that arcs use, widened to DIGITS digits, with room for other enclosures; single gains
+    stay. Raises: SpecError for a radius that is not > 0, or None for a coupling that is not linear; UndefinedError."""
     if radius is not None and radius <= 0:
         raise SpecError(f"radius must be > 0; got {radius}.", key="radius", cure="Give a length, or None.")
     found = []
-    for place in _used(problem):
+    for place in used_couplings(problem):
         coupling = problem.couplings[place]
         if radius is None and not coupling.is_linear:
             raise SpecError(
@@ -126,9 +112,7 @@ def enclose_ranges(
 
 def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Fraction | None) -> Sectors:
     """Put claimed ranges at the arcs of every mode, weights multiplied in.  Gains that are exactly 0 are left out.
-
-    Raises: SpecError if an arc's coupling has no range at this radius, or one of the wrong shape.
-    """
+    Raises: SpecError if an arc's coupling has no range at this radius, or one of the wrong shape."""
     m = problem.m
     table = {each.coupling: each.entries for each in ranges if each.radius == radius}
     modes: dict[str, tuple[Channel, ...]] = {}
@@ -143,17 +127,20 @@ def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Frac
                     key="ranges",
                     cure="Make them with enclose_ranges, with the same radius.",
                 )
-            channels.extend(_channels(entries, listener * m, speaker * m, weight))
+            own, other = listener * m, speaker * m
+            channels += [
+                Channel(target=own + c, plus=other + d, minus=own + d, low=weight * gain.lo, high=weight * gain.hi)
+                for c, row in enumerate(entries)
+                for d, gain in enumerate(row)
+                if gain.lo or gain.hi
+            ]
         modes[name] = tuple(channels)
     return Sectors(problem=problem, modes=modes)
 
 
 def relied_differences(problem: Problem) -> tuple[tuple[int, int], ...]:
-    """The differences |e[a] - e[b]|, a < b, that ranges with a radius rely on.
-
-    Those of every arc whose coupling is not linear, also where its gain is one number as far as the radius goes: a
-    kink may lie beyond.
-    """
+    """The differences |e[a] - e[b]|, a < b, that ranges with a radius rely on.  Those of every arc whose coupling is
+    not linear, also where its gain is one number as far as the radius goes: a kink may lie beyond."""
     m = problem.m
     used = {coupling: _curved_variables(coupling) for coupling in problem.couplings}
     found = {
@@ -177,31 +164,20 @@ def _curved_variables(coupling: Coupling) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-def _channels(entries: Entries, own: int, other: int, weight: Fraction) -> list[Channel]:
-    return [
-        Channel(target=own + c, plus=other + d, minus=own + d, low=weight * gain.lo, high=weight * gain.hi)
-        for c, row in enumerate(entries)
-        for d, gain in enumerate(row)
-        if gain.lo or gain.hi
-    ]
-
-
-def _used(problem: Problem) -> list[int]:
+def used_couplings(problem: Problem) -> list[int]:
     """The couplings that arcs use, by their places, each once, in order."""
-    if not problem.exceptions:
-        return [0] if any(len(arcs) for arcs in problem.network.modes.values()) else []
     modes = problem.network.modes.values()
     return list(dict.fromkeys(problem.coupling_place(i, j) for arcs in modes for i, j, _ in arcs))
 
 
 def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
     """The hull of J over a box, entry by entry, by branch and bound on both ends."""
-    known: dict[Box, Entries] = {}
+    algebra = GradientAlgebra(len(box))
 
+    @cache
     def jacobian(part: Box) -> Entries:
-        if part not in known:
-            known[part] = _jacobian(coupling, part)
-        return known[part]
+        variables = algebra.variables(part)
+        return tuple(evaluate(each.node, variables, algebra).partials for each in coupling.components)
 
     def highest(c: int, d: int, sign: int) -> Fraction:
         def bounds(part: Box) -> Interval:
@@ -224,12 +200,6 @@ def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
 
     m = range(len(box))
     return tuple(tuple(Interval(-highest(c, d, -1), highest(c, d, 1)) for d in m) for c in m)
-
-
-def _jacobian(coupling: Coupling, box: Box) -> Entries:
-    algebra = GradientAlgebra(len(box))
-    variables = algebra.variables(box)
-    return tuple(evaluate(each.node, variables, algebra).partials for each in coupling.components)
 
 
 def _widened(gain: Interval) -> Interval:

@@ -7,19 +7,24 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Final
 
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
-from dobc_design.conditions.quadratic.checks import IN_WORDS, certified_ball, lure_check, quadratic_obstacle
-from dobc_design.conditions.quadratic.claim import Lure, Method, Shape
-from dobc_design.conditions.quadratic.decide import verify_lure
+from dobc_design.conditions.quadratic.claim import Lure, Shape
+from dobc_design.conditions.quadratic.decide import (
+    IN_WORDS,
+    certified_ball,
+    lure_check,
+    quadratic_obstacle,
+    verify_lure,
+)
 from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate, roomy_gains
-from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -28,8 +33,7 @@ logger = logging.getLogger("dobc_design")
 #: Rows n m up to which quadratic certificates are looked for; a full P_e up to fewer, and somewhat more on request.
 MOST_ROWS: Final = 60
 FULL_ROWS, FULL_ROWS_ON_REQUEST = 15, 20
-#: Channels of a mode up to which the corners of all gains are tried with the P_e found.
-CORNER_CHANNELS: Final = 6
+CORNER_CHANNELS: Final = 6  # of a mode, up to which the corners of all gains are tried with the P_e found
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection; rows n m from which
 #: on fewer are.
 FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11
@@ -56,60 +60,43 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
         return [undecided_check("lure", asked.domain, reason)]
     found = _ladder(asked, report)
     if not found:
-        return [undecided_check("lure", asked.domain, _nothing_found(asked))]
+        ball = f"any ball together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help."
+        reason = f"no quadratic V is found{f' for {ball}' if asked.disturbance else ', not even close to the target.'}"
+        return [undecided_check("lure", asked.domain, reason)]
     enough = [each for each in found if each.radius >= asked.ball and each.lure.method == "lure"]
     best = max(enough or found, key=lambda each: each.radius)
     if best.radius >= asked.ball:
         report("deciding the region (quadratic, its rate)")
         best = _faster(asked, best)
-    return [
-        lure_check(
-            problem,
-            asked.W,
-            best.lure,
-            radius=0.0 if math.isinf(best.radius) else best.radius,
-            disturbance=asked.disturbance,
-            domain=asked.domain,
-            remark=_remark(asked, best, found),
-        )
-    ]
+    radius, remark = 0.0 if math.isinf(best.radius) else best.radius, _remark(asked, best, found)
+    starts = {"radius": radius, "disturbance": asked.disturbance}
+    return [lure_check(problem, asked.W, best.lure, **starts, domain=asked.domain, remark=remark)]
 
 
 def propose(asked: Asked, shape: Shape, *, rate: Fraction = Fraction(0), accept: float = 0.0) -> Found | None:
-    """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than ``accept``.
+    """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than ``accept``.  None also
+    when a numerical library breaks down."""
+    noise = claimed(asked.disturbance)
+    search = partial(design_lure, asked.problem, shape=shape, W=asked.W, rate=rate, disturbance=noise)
+    return _found(asked, search, shape, IN_WORDS[shape], accept)
 
-    None also when a numerical library breaks down.
-    """
-    problem = asked.problem
+
+def _found(asked: Asked, search: Callable[..., Lure | None], what: str, name: str, accept: float = 0.0) -> Found | None:
+    """What a search among proved certificates finds, if it is larger than ``accept``."""
+    ball = claimed(asked.ball)
+    largest = max(2 * ball, min(10 * ball, _LARGEST))
     try:
-        lure = design_lure(
-            problem,
-            holds=lambda each: holds(problem, each),
-            shape=shape,
-            W=asked.W,
-            rate=rate,
-            disturbance=claimed(asked.disturbance),
-            largest=_largest(asked),
-            enclose=roomy_gains,
-        )
+        lure = search(holds=partial(holds, asked.problem), largest=largest, enclose=roomy_gains)
     except (ArithmeticError, RuntimeError, ValueError) as error:
-        logger.warning("no quadratic proposal (%s): %s", shape, error)
+        logger.warning("no quadratic proposal (%s): %s", what, error)
         return None
-    if lure is None:
-        return None
-    radius = certified_ball(problem, lure, disturbance=asked.disturbance)
-    return Found(IN_WORDS[shape], lure, radius) if radius > accept else None
+    radius = 0.0 if lure is None else certified_ball(asked.problem, lure, disturbance=asked.disturbance)
+    return None if lure is None or not radius > accept else Found(name, lure, radius)
 
 
 def holds(problem: Problem, lure: Lure) -> bool:
     """Whether a certificate is proved."""
     return verify_lure(problem, lure).verdict is Verdict.PROVED
-
-
-def _largest(asked: Asked) -> Fraction:
-    """No |e_j - e_i| beyond is looked at."""
-    ball = claimed(asked.ball)
-    return max(2 * ball, min(10 * ball, _LARGEST))
 
 
 def _ladder(asked: Asked, report: Progress) -> list[Found]:
@@ -132,32 +119,14 @@ def _ladder(asked: Asked, report: Progress) -> list[Found]:
 
 def _bounds(asked: Asked, lure: Lure) -> list[Found]:
     """Without multipliers: the corners of all gains where those are few; on request, as a baseline, interval bounds."""
-    problem, found = asked.problem, []
-    widest = max(sum(1 for tau in taus if tau) for taus in lure.multipliers.values())
-    tries: list[tuple[str, Method, SparseSymmetric | None]] = []
-    if widest <= CORNER_CHANNELS:
-        tries.append(("the corners of all gains", "vertices", lure.P_e))
+    search = partial(bound_lure, asked.problem, P=lure.P, Q=lure.Q)
+    found: list[Found | None] = []
+    if max(sum(map(bool, taus)) for taus in lure.multipliers.values()) <= CORNER_CHANNELS:
+        corners = partial(search, method="vertices", P_e=lure.P_e)
+        found.append(_found(asked, corners, "vertices", "the corners of all gains"))
     if asked.everything:
-        tries.append(("interval bounds", "interval", None))
-    for name, method, P_e in tries:
-        try:
-            bound = bound_lure(
-                problem,
-                holds=lambda each: holds(problem, each),
-                method=method,
-                P_e=P_e,
-                P=lure.P,
-                Q=lure.Q,
-                largest=_largest(asked),
-                enclose=roomy_gains,
-            )
-        except (ArithmeticError, RuntimeError, ValueError) as error:
-            logger.warning("no quadratic proposal (%s): %s", method, error)
-            continue
-        radius = 0.0 if bound is None else certified_ball(problem, bound, disturbance=asked.disturbance)
-        if bound is not None and radius > 0:
-            found.append(Found(name, bound, radius))
-    return found
+        found.append(_found(asked, partial(search, method="interval"), "interval", "interval bounds"))
+    return [each for each in found if each is not None]
 
 
 def _faster(asked: Asked, best: Found) -> Found:
@@ -171,7 +140,7 @@ def _faster(asked: Asked, best: Found) -> Found:
             faster = propose(asked, best.lure.shape, rate=rate, accept=math.nextafter(asked.ball, 0.0))
             low, high, best = (low, part, best) if faster is None else (part, high, faster)
             part = (low + high) / 2 if low else high / 4
-    raised = raise_rate(asked.problem, best.lure, holds=lambda each: holds(asked.problem, each))
+    raised = raise_rate(asked.problem, best.lure, holds=partial(holds, asked.problem))
     return Found(best.name, raised, best.radius)
 
 
@@ -185,12 +154,3 @@ def _remark(asked: Asked, best: Found, found: Sequence[Found]) -> str:
         return reached
     wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"
     return f" The ball reaches |e| <= {best.radius:.6g}, {wish}: beyond, no quadratic V is found.{reached}"
-
-
-def _nothing_found(asked: Asked) -> str:
-    if asked.disturbance:
-        return (
-            f"no quadratic V is found for any ball together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial"
-            " disturbance may help."
-        )
-    return "no quadratic V is found, not even close to the target."

@@ -12,8 +12,8 @@ from typing import Final
 
 from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
 from dobc_design.conditions.numbers import claimed, decimal_below, read_rational, rounded_down, vector_from_json
-from dobc_design.conditions.quadratic.checks import lure_from_json, names_of
 from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import lure_from_json, names_of
 from dobc_design.conditions.schedule.claim import NUMBERS, ONE, QUADRATIC, SEPARABLE, ZERO, Stage, Staging
 from dobc_design.conditions.schedule.decide import Settling, proved_reason, verify_staging
 from dobc_design.conditions.separable.checks import obstacle

@@ -26,8 +26,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, jacobians_at_consensus
-from dobc_design.conditions.consensus.negative import TOPS, Enclosed, find_witness, is_negative, refutes
-from dobc_design.conditions.consensus.network import name_agents
+from dobc_design.conditions.consensus.network import TOPS, Enclosed, find_witness, is_negative, name_agents, refutes
 from dobc_design.conditions.statement import Statement, refuted
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError

@@ -22,8 +22,8 @@ from scipy import sparse
 
 from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.conditions.consensus.pinning import (
+    FEW_ROWS,
     PROGRAM_ROWS,
-    PROGRAM_SIZE,
     Blocks,
     Optimum,
     factorised,
@@ -33,9 +33,9 @@ from dobc_design.conditions.consensus.pinning import (
     network_blocks,
     optimum,
     smallest_gains,
+    solve_program,
+    solve_shared,
 )
-from dobc_design.conditions.consensus.pinning_program import solve_program
-from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, solve_shared
 from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
@@ -77,7 +77,7 @@ class PinningProposer:
             if len(known) < len(single):
                 return None, self._loose(blocks, chosen)
             if len(known) == 1:
-                return known[0].gains.tolist(), self._named(blocks, [[known[0].v]])
+                return known[0].gains.tolist(), self._named(blocks, [list(known[0].duals)])
             return self._shared(blocks, chosen, known)
         if all(value > NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)):
             gains, vectors = self._shared(blocks, chosen, [])
@@ -185,28 +185,28 @@ class PinningProposer:
     def _shared(self, blocks: Blocks, chosen: Array, known: Sequence[Optimum]) -> tuple[list[float] | None, Vectors]:
         """Several blocks: their dual or a conic program; else the largest gain of each agent over the blocks."""
         found: tuple[Array, Vectors] | None = None
-        rows = blocks.agents * blocks.width
 
         def is_cheap(gains: Array) -> bool:
             return found is None or bool(self.costs @ gains < self.costs @ found[0] * 1.000001)
 
         if known:
             best = max(range(len(known)), key=lambda k: self.costs @ known[k].gains)
-            columns = [[each.v] if k == best else [] for k, each in enumerate(known)]
+            columns = [list(each.duals) if k == best else [] for k, each in enumerate(known)]
             found = np.max([each.gains for each in known], axis=0), self._named(blocks, columns)
-        shared = solve_shared(blocks.tables, chosen, self.costs, self.caps) if known and rows > FEW_ROWS else None
+        shared = None
+        if known and blocks.agents > FEW_ROWS:
+            shared = solve_shared(blocks.tables, chosen, self.costs, self.caps)
         if shared is not None and found is not None:
             if is_cheap(shared.gains):
-                found = shared.gains, self._named(blocks, [[v] for v in shared.vectors])
+                found = shared.gains, self._named(blocks, [[v] for v in shared.duals])
             cost = float(self.costs @ shared.gains)
             if cost - shared.bound <= CLOSE * cost:
                 return found[0].tolist(), found[1]
         agents = np.flatnonzero(chosen)
-        if rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE:
-            width, scale = blocks.width, blocks.scale
-            program = solve_program(blocks.tables, agents, self.costs, width=width, scale=scale, caps=self.caps)
+        if blocks.is_small:
+            program = solve_program(blocks, agents, self.costs, self.caps)
             if program is not None and is_cheap(program.gains):
-                columns = [_factors(each, z=blocks.z) for each in program.multipliers]
+                columns = [_factors(each, z=blocks.z) for each in program.duals]
                 return program.gains.tolist(), self._named(blocks, columns)
         if found is None and not np.any(np.isfinite(self.caps)):
             gains = smallest_gains(blocks, agents.tolist(), costs=self.costs.tolist())

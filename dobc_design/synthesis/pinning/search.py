@@ -17,8 +17,7 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design.conditions.consensus.claim import state_theorems
-from dobc_design.conditions.consensus.negative import Enclosed
-from dobc_design.conditions.consensus.network import carriers, name_agents
+from dobc_design.conditions.consensus.network import Enclosed, carriers, name_agents
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, find_ordering
@@ -542,7 +541,7 @@ def gains_for_box(bare: Problem, request: PinningRequest, *, rho: Fraction | Non
         text = "does not apply: the max-separable certificate is for couplings that act on each state component by"
         return undecided("method", f"{text} itself.")
     try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
-        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=rho, modes=tuple(bare.network.modes))
+        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=rho)
     except UndefinedError as error:
         return undecided("method", f"does not apply: {error}")
     labels = bare.network.labels

@@ -1,83 +1,110 @@
-"""Proposals of gains as people type them."""
+"""Proposals of gains as people type them, and which agents to pin: symmetric networks, closed groups, every subset."""
 
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import combinations
+from random import Random
 
 import numpy as np
 import pytest
 from exact_oracle import Oracle
+from linked import linked
 
-from dobc_design.conditions.consensus.cures import (
-    PinProposal,
-    on_present_pins,
-    one_more,
-    rounded_up,
-    scale_needed,
-    several_more,
-)
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design.conditions.consensus import cures
+from dobc_design.conditions.consensus.cures import best_single, groups_without_pin, rounded_up, scale_needed, small_set
+from dobc_design.conditions.consensus.pinning import network_blocks, smallest_gains
 
 
-@pytest.mark.parametrize(
-    ("value", "typed"),
-    [
-        ("0.99", "0.99"),
-        ("1.001", "1.01"),
-        ("0.2609", "0.261"),
-        ("9.99", "10"),
-        ("1234", "1240"),
-        ("2.5e-7", "2.5e-7"),
-        ("3.01e20", "3.01e20"),
-        ("1e-300", "1e-300"),
-    ],
-)
-def test_gains_are_rounded_up_to_two_digits_or_three(value, typed):
-    assert rounded_up(Fraction(value)) == Fraction(typed)
-
-
-def test_rounding_never_asks_for_two_percent_more_and_never_for_less():
+def test_gains_are_rounded_up_to_two_digits_or_three_and_never_by_two_percent():
+    values = ("0.99", "1.001", "0.2609", "9.99", "1234", "2.5e-7", "3.01e20", "1e-300")
+    typed = ("0.99", "1.01", "0.261", "10", "1240", "2.5e-7", "3.01e20", "1e-300")
+    assert [rounded_up(Fraction(value)) for value in values] == [Fraction(value) for value in typed]
     for k in range(1, 2000):
         exact = Fraction(k, 777)
         assert exact <= rounded_up(exact) <= exact * Fraction(102, 100)
 
 
 def test_a_proposal_is_rounded_after_it_is_raised():
-    proposal = PinProposal(gains={3: 1.0, 1: 0.0, 2: 0.5})
+    proposal = cures.PinProposal(gains={3: 1.0, 1: 0.0, 2: 0.5})
     assert proposal.rounded(factor=1.1) == {2: Fraction("0.56"), 3: Fraction("1.11")}
 
 
 def test_the_last_proposal_pins_everybody_and_always_does():
     """Gershgorin: whatever the couplings are."""
-    network = Network.from_arcs([[1, 2], [2, 3], [3, 1]], arrow="listens_to")
     for h in ("y", "-y", "y**3", ["y1 - 3*y2", "y2 + y1"]):
-        problem = Problem(network=network, coupling=h, target=0 if isinstance(h, str) else [0, 0])
-        last = list(several_more(problem))[-1]
+        problem = linked([[1, 2], [2, 3], [3, 1]], coupling=h)
+        last = list(cures.several_more(problem))[-1]
         assert set(last.gains) == {0, 1, 2}
         matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
         held = np.repeat([last.gains[i] for i in range(3)], problem.m)
         assert np.linalg.eigvalsh(matrix - 2 * np.diag(held))[-1] < 0
-
-
-def test_without_pins_there_is_nothing_on_the_present_ones():
-    problem = Problem(network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"), coupling="y")
-    assert list(on_present_pins(problem)) == []
-    assert [proposal.added for proposal in one_more(problem)] == [(0,)]
+    # without pins there is nothing on the present ones
+    problem = linked([[1, 2], [2, 1]])
+    assert list(cures.on_present_pins(problem)) == []
+    assert [proposal.added for proposal in cures.one_more(problem)] == [(0,)]
 
 
 def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular():
-    problem = Problem(
-        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to"),
-        coupling=["y1 + y2", "y2"],
-        target=[0, 0],
-        gains=2,
-    )
+    problem = linked([[1, 2], [2, 1]], coupling=["y1 + y2", "y2"], gains=2)
     S = ((Fraction(2), Fraction(1)), (Fraction(1), Fraction(5)))
     factor = scale_needed(problem, S)
     matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
     border = np.kron(np.eye(2), np.array(S, dtype=float))
     assert np.linalg.eigvalsh(matrix + border / (factor * 1.0001))[-1] < 0
     assert np.linalg.eigvalsh(matrix + border / (factor * 0.9999))[-1] > 0
-    loose = Problem(network=problem.network, coupling="y", target=[0, 0])
-    assert scale_needed(loose, S) is None
+    assert scale_needed(linked([[1, 2], [2, 1]], target=[0, 0]), S) is None
+
+
+def test_on_a_cycle_every_agent_is_as_good(cycle):
+    problem = cycle(6, pins={})
+    assert best_single(network_blocks(problem), problem) == (0, 1, 2, 3, 4, 5)
+    # on an undirected path the middle holds best
+    arcs = [[i, i + 1] for i in range(1, 7)] + [[i + 1, i] for i in range(1, 7)]
+    problem = linked(arcs, 7)
+    assert best_single(network_blocks(problem), problem) == (3,)
+
+
+def test_no_single_agent_serves_two_closed_groups():
+    problem = linked([[1, 2], [2, 1], [3, 4], [4, 3]])
+    assert best_single(network_blocks(problem), problem) == ()
+    assert groups_without_pin(problem) == [(0, 1), (2, 3)]
+    added = small_set(network_blocks(problem), problem)
+    assert len(added) == 2
+    assert added[0] in (0, 1)
+    assert added[1] in (2, 3)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_best_single_agent_is_the_best_of_all_that_were_tried_by_hand(seed):
+    r = Random(seed)
+    n = r.randint(3, 7)
+    arcs = [[i, j, r.randint(1, 4)] for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.5]
+    problem = linked(arcs, n)
+    blocks = network_blocks(problem)
+    totals = {a: smallest_gains(blocks, [a]) for a in range(n)}
+    able = {a: float(sum(k)) for a, k in totals.items() if k is not None}
+    found = best_single(blocks, problem)
+    assert bool(found) is bool(able)
+    if found:
+        assert able[found[0]] == pytest.approx(min(able.values()), rel=1e-5, abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_small_set_does_and_is_at_most_one_larger_than_the_smallest(seed):
+    """Some gains can do iff S is positive on the others: every subset tried with NumPy."""
+    r = Random(seed)
+    n = r.randint(4, 7)
+    arcs = [[i, j] for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.3]
+    problem = linked(arcs, n)
+    S = -np.array(Oracle(problem).lambda_("G"), dtype=float)
+
+    def does(chosen):
+        rest = [i for i in range(n) if i not in chosen]
+        return not rest or np.linalg.eigvalsh(S[np.ix_(rest, rest)])[0] > 1e-9
+
+    added = small_set(network_blocks(problem), problem)
+    assert does(added)
+    least = next(size for size in range(1, n + 1) if any(map(does, combinations(range(n), size))))
+    assert len(added) <= least + 1
+    assert all(set(added) & set(group) for group in groups_without_pin(problem))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from fractions import Fraction
 from random import Random
@@ -10,32 +11,30 @@ import numpy as np
 import pytest
 from campaigns import a_problem, decision_campaign, reduction_campaign
 from exact_oracle import Oracle, eye, negative_definite, plus, times
+from linked import linked
 from random_problems import WEIGHTS
 
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
-from dobc_design.conditions.consensus.claim import Pair, state_theorems
+from dobc_design.conditions.consensus.claim import Pair, linearisation, state_theorems
 from dobc_design.conditions.consensus.decide import (
     LARGEST_EXAMINED,
     Proposal,
     lemma1_check,
-    linearisation,
     psi_is_negative,
     theorem_check,
     unstable_roots,
 )
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 
 def test_the_reduction_agrees_with_the_whole_matrix():
     """Psi < 0 <=> Lambda + I (x) S < 0, given Omega0 < 0 (theory, section 2); feasible, infeasible, near the edge."""
-    tally = reduction_campaign(range(12))
+    tally = reduction_campaign(range(8))
     assert tally.wrong == []
-    assert min(tally.counts["negative"], tally.counts["not negative"]) >= 4
+    assert min(tally.counts["negative"], tally.counts["not negative"]) >= 3
 
 
 @pytest.mark.slow
@@ -47,12 +46,7 @@ def test_what_lemma_1_and_detectability_allow_is_proved():
 
 
 def path(n, gains, h="y", **more):
-    return Problem(
-        network=Network.from_arcs([[i + 1, i] for i in range(1, n)], arrow="listens_to", agents=n),
-        coupling=h,
-        gains=gains,
-        **more,
-    )
+    return linked([[i + 1, i] for i in range(1, n)], n, coupling=h, gains=gains, **more)
 
 
 def proved_problems(seeds):
@@ -130,32 +124,20 @@ def test_a_margin_and_a_rate_a_little_above_the_truth_are_not_confirmed():
         checks = tuple(lemma if c.id == "lemma1" else c for c in certificate.checks)
         return recheck(replace(certificate.claims, checks=checks, rate=rate), problem).holds
 
-    assert with_numbers(3.999, 1.999)
-    assert with_numbers(0.0, 1.0)
-    assert not with_numbers(4.0, 1.999)
-    assert not with_numbers(3.999, 2.0)
-    assert not with_numbers(-0.5, 1.999)
-    assert not with_numbers(3.999, 0.0)
-    assert not with_numbers(float("nan"), 1.999)
-    assert not with_numbers(float("inf"), 1.999)
+    assert with_numbers(3.999, 1.999) and with_numbers(0.0, 1.0)
+    for wrong in ((4.0, 1.999), (3.999, 2.0), (-0.5, 1.999), (3.999, 0.0), (math.nan, 1.999), (math.inf, 1.999)):
+        assert not with_numbers(*wrong)
 
 
-@pytest.mark.parametrize("k", [Fraction(1, 10**9), Fraction(1, 10**15), Fraction(1, 10**300)])
-def test_tiny_margins_are_proved(k):
+@pytest.mark.parametrize("k", ["1e-9", "1e-300", "1e-323", "1.5e-323", "1e-380"])
+def test_tiny_margins_are_proved_and_numbers_below_the_floats_are_claimed_as_less(k):
     """lambda_max = -2 k < 0, however small; with k = 0 it is refuted."""
-    check = certify(path(1, k)).check("lemma1")
-    assert check.verdict is Verdict.PROVED
-    assert 0 <= check.margin <= 2 * k
-    assert certify(path(1, 0)).check("lemma1").verdict is Verdict.REFUTED
-
-
-@pytest.mark.parametrize("k", [Fraction(1, 10**323), Fraction(15, 10**324), Fraction(1, 10**380)])
-def test_numbers_below_the_floats_are_claimed_as_less_and_confirmed(k):
     problem = path(1, k)
     certificate = certify(problem)
     assert certificate.verdict is Verdict.PROVED
-    assert Fraction(repr(certificate.check("lemma1").margin)) < 2 * k
+    assert 0 <= Fraction(repr(certificate.check("lemma1").margin)) <= 2 * Fraction(k)
     assert recheck(certificate.claims, problem).holds
+    assert certify(path(1, 0)).check("lemma1").verdict is Verdict.REFUTED
 
 
 def test_a_lost_estimate_never_turns_a_proof_into_a_refutation():
@@ -165,10 +147,7 @@ def test_a_lost_estimate_never_turns_a_proof_into_a_refutation():
         check = lemma1_check(statements, "G", Proposal(margin=bad, vectors=[[float("nan")] * 3, [0.0] * 3]))
         assert check.verdict is Verdict.PROVED
         assert check.margin == 0.0
-
-
-def test_a_refutation_needs_no_proposal():
-    """The elimination finds a witness of its own."""
+    # A refutation needs no proposal: the elimination finds a witness of its own.
     statements = state_theorems(path(3, {3: 1}))
     check = lemma1_check(statements, "G", Proposal())
     assert check.verdict is Verdict.REFUTED
@@ -181,18 +160,13 @@ def test_irrational_slopes_refute_where_the_network_alone_decides():
     """v' Lambda v = 0 for every slope when nobody is pinned: no rounding can hide it."""
     arcs = [[1, 2], [2, 1], [2, 3], [3, 2]]
     for gains, verdict in ((None, Verdict.REFUTED), ({1: 1}, Verdict.PROVED)):
-        problem = Problem(network=Network.from_arcs(arcs, arrow="listens_to"), coupling="sin(pi*y)", gains=gains)
+        problem = linked(arcs, coupling="sin(pi*y)", gains=gains)
         certificate = certify(problem)
         assert certificate.check("lemma1").verdict is certificate.verdict is verdict
         assert recheck(certificate.claims, problem).holds
-
-
-def test_exact_values_are_not_claimed_where_an_irrational_slope_enters_them():
-    """h'(0) = pi in one direction: v' Lambda v is not rational, so it is not named."""
+    # Exact values are not claimed where one enters: v' Lambda v is not rational.
     arcs = [[1, 2], [2, 1], [3, 1]]
-    problem = Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to"), coupling="sin(pi*y)", gains={1: "1/10", 2: "1/10"}
-    )
+    problem = linked(arcs, coupling="sin(pi*y)", gains={1: "1/10", 2: "1/10"})
     check = certify(problem).check("lemma1")
     assert check.verdict is Verdict.REFUTED
     assert set(check.exact) == {"unstable_roots"}
@@ -202,11 +176,9 @@ def test_exact_values_are_not_claimed_where_an_irrational_slope_enters_them():
 
 def test_the_edge_of_irrational_slopes_is_undecided_and_both_sides_are_decided():
     """Two agents, h = -y pi/2 one way: Lambda < 0 turns where k meets an irrational number."""
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
 
     def verdict(k):
-        problem = Problem(network=network, coupling="-y*pi/2", gains=k)
-        return certify(problem).check("lemma1").verdict
+        return certify(linked([[1, 2], [2, 1]], coupling="-y*pi/2", gains=k)).check("lemma1").verdict
 
     # Lambda = pi [[1, -1], [-1, 1]] - 2 k I: the largest eigenvalue is 2 pi - 2 k.
     near = Fraction("3.14159265358979323846264338327950288419716939937510")
@@ -218,13 +190,11 @@ def test_the_edge_of_irrational_slopes_is_undecided_and_both_sides_are_decided()
 def test_psi_is_refuted_by_a_p_that_is_not_positive_definite_and_by_omega():
     """Printed pairs that fail before the network is looked at; each names the block."""
     exosystem = Exosystem(A=[[0]], C=[[1]])
-    for P, block in (([[-1]], "P"), ([[0]], "P")):
-        problem = path(1, 1, exosystem=exosystem, observer=Observer(W=[[1]], P=P))
+    for W, P, block in ((1, -1, "P"), (1, 0, "P"), (-1, 1, "Omega0")):
+        problem = path(1, 1, exosystem=exosystem, observer=Observer(W=[[W]], P=[[P]]))
         check = certify(problem).check("theorem1-printed")
         assert (check.verdict, check.exact) == (Verdict.REFUTED, {"block": block})
         assert recheck(certify(problem).claims, problem).holds
-    problem = path(1, 1, exosystem=exosystem, observer=Observer(W=[[-1]], P=[[1]]))
-    assert certify(problem).check("theorem1-printed").exact == {"block": "Omega0"}
     twin = path(1, 1, exosystem=exosystem, observer=Observer(W=[[1]], P=[[1]]))
     assert certify(twin).check("theorem1-printed").verdict is Verdict.PROVED
 
@@ -238,9 +208,7 @@ def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
     assert negative_definite(whole)
     assert not psi_is_negative(statements, problem.exosystem, pair)
     assert certify(problem).check("theorem1-printed").verdict is Verdict.REFUTED
-
-
-def test_without_a_pair_and_without_an_obstacle_the_theorem_is_undecided():
+    # Without a pair and without an obstacle the theorem is undecided.
     problem = path(1, 1, exosystem=Exosystem(A=[[0]], C=[[1]]))
     statements = state_theorems(problem)
     lemmas = [lemma1_check(statements, "G", Proposal(margin=2.0))]
@@ -251,10 +219,8 @@ def test_without_a_pair_and_without_an_obstacle_the_theorem_is_undecided():
 
 def test_reasons_never_name_a_better_number_than_is_proved():
     """Shortened numbers in sentences are rounded towards the weaker claim."""
-    problem = path(
-        1, Fraction(1234567, 10**6), exosystem=Exosystem(A=[["-0.123456789"]], C=[[1]]), observer=Observer(W=[[0]])
-    )
-    certificate = certify(problem)
+    slow = Exosystem(A=[["-0.123456789"]], C=[[1]])
+    certificate = certify(path(1, "1.234567", exosystem=slow, observer=Observer(W=[[0]])))
     assert "lambda_max <= -2.46913:" in certificate.check("lemma1").reason
     assert "exp(-0.1234 t)" in certificate.check("hurwitz").reason
 
@@ -265,7 +231,10 @@ def test_the_linearisation_is_the_jacobian_minus_the_gains():
         oracle, statements = Oracle(problem), state_theorems(problem)
         for mode in oracle.modes if oracle.smooth else ():
             if oracle.exact_in(mode):
-                assert [list(row) for row in linearisation(statements, mode)] == oracle.loop(mode)
+                jacobian = next(each for each in statements.jacobians.modes if each.name == mode)
+                found = linearisation(jacobian, problem.pinning, problem.m)
+                rows = range(problem.n * problem.m)
+                assert [[found.get((i, j), 0) for j in rows] for i in rows] == oracle.loop(mode)
 
 
 def test_counts_agree_with_the_factors_found_by_sympy():
@@ -276,40 +245,35 @@ def test_counts_agree_with_the_factors_found_by_sympy():
         n, m = r.randint(1, 4), r.choice((1, 2))
         arcs = [[i + 1, j + 1] for i in range(n) for j in range(n) if i != j and r.random() < 0.5]
         names = [f"y{d + 1}" for d in range(m)] if m > 1 else ["y"]
-        problem = Problem(
-            network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
-            target=[0] * m,
-            coupling=[" + ".join(f"({r.randint(-3, 3)})*{y}" for y in names) for _ in range(m)],
-            gains={1: r.choice((0, 1, 3)), n: [[1, 2], [-2, 0]] if m == 2 else 1} if n > 1 else None,
-        )
+        h = [" + ".join(f"({r.randint(-3, 3)})*{y}" for y in names) for _ in range(m)]
+        gains = {1: r.choice((0, 1, 3)), n: [[1, 2], [-2, 0]] if m == 2 else 1} if n > 1 else None
+        problem = linked(arcs, n, target=[0] * m, coupling=h, gains=gains)
         roots = unstable_roots(state_theorems(problem), "G")
         assert roots == Oracle(problem).unstable_roots("G")
         seen.add(roots)
     assert seen >= {0, 1, 2, 3}
 
 
-def test_irrational_slopes_are_not_examined():
+def test_irrational_slopes_and_large_networks_are_not_examined():
     """0 is "not examined": h = -y e with a weak pin is unstable, and nothing is claimed."""
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
     for h, roots in (("-3*y", 1), ("-y*exp(1)", 0)):
-        statements = state_theorems(Problem(network=network, coupling=h, gains={1: "1/100"}))
+        statements = state_theorems(linked([[1, 2], [2, 1]], coupling=h, gains={1: "1/100"}))
         assert unstable_roots(statements, "G") == roots
+    n = LARGEST_EXAMINED + 1
+    large = linked([[i, i % n + 1] for i in range(1, n + 1)], coupling="-y", gains="1/10")
+    assert unstable_roots(state_theorems(large), "G") == 0
 
 
 def test_diagonal_slopes_that_are_not_negative_with_scalar_gains_are_never_unstable():
     """The shortcut. Gershgorin: row i c has the diagonal -(sum g + k) <= 0 and the off-diagonal sum g, so every
     disc lies in Re <= 0. Weights, several slopes per component and isolated agents included."""
-    for seed in range(200):
+    for seed in range(80):
         r = Random(seed)
         n, m = r.randint(1, 6), r.choice((1, 2, 3))
         arcs = [[i + 1, j + 1, r.choice(WEIGHTS)] for i in range(n) for j in range(n) if i != j and r.random() < 0.4]
         slopes = [f"{r.randint(0, 3)}*y{c + 1}" if m > 1 else f"{r.randint(0, 3)}*y" for c in range(m)]
-        problem = Problem(
-            network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
-            coupling=slopes,
-            target=[0] * m,
-            gains={i + 1: r.choice((0, 1, 3)) for i in range(n)},
-        )
+        gains = {i + 1: r.choice((0, 1, 3)) for i in range(n)}
+        problem = linked(arcs, n, coupling=slopes, target=[0] * m, gains=gains)
         statements = state_theorems(problem)
         assert statements.jacobians.modes[0].is_nonnegative_diagonal
         assert problem.pinning.is_scalar
@@ -320,16 +284,10 @@ def test_diagonal_slopes_that_are_not_negative_with_scalar_gains_are_never_unsta
 
 def test_the_shortcut_needs_scalar_gains():
     """Slopes diag(9, 0) one way and diag(0, 9) the other, skew gains: diagonal slopes >= 0, and yet unstable."""
-    arcs = Network.from_arcs([[2, 1], [1, 2]], arrow="listens_to", agents=2)
 
     def roots(k1, k2):
-        problem = Problem(
-            network=arcs,
-            coupling=["9*y1", "0*y2"],
-            exceptions={(0, 1): ["0*y1", "9*y2"]},
-            target=[0, 0],
-            gains={1: k1, 2: k2},
-        )
+        special = {(0, 1): ["0*y1", "9*y2"]}
+        problem = linked([[2, 1], [1, 2]], coupling=["9*y1", "0*y2"], exceptions=special, gains={1: k1, 2: k2})
         statements = state_theorems(problem)
         assert statements.jacobians.modes[0].is_nonnegative_diagonal
         eigenvalues = np.linalg.eigvals(np.array(Oracle(problem).loop("G"), dtype=float))
@@ -338,10 +296,3 @@ def test_the_shortcut_needs_scalar_gains():
 
     assert roots([[0, -4], [4, 0]], [[0, 4], [-4, 0]]) == 1
     assert roots(4, 4) == 0
-
-
-def test_large_networks_are_not_examined():
-    n = LARGEST_EXAMINED + 1
-    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    problem = Problem(network=Network.from_arcs(arcs, arrow="listens_to"), coupling="-y", gains="1/10")
-    assert unstable_roots(state_theorems(problem), "G") == 0

@@ -1,35 +1,113 @@
-"""Who carries a direction that is not held, in labels and in words; every vector multiplied out by the oracle."""
+"""Enclosed matrices proved or refuted for all that they enclose, and who carries a direction that is not held, in
+labels and in words; every vector multiplied out by the oracle."""
 
 from __future__ import annotations
 
 from fractions import Fraction
+from random import Random
 
-import pytest
+import numpy as np
 from exact_oracle import Oracle, form
+from linked import linked
 
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.check import Check, Fix, main_cure, main_fix, other_cures
+from dobc_design.conditions.consensus import network
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
-from dobc_design.conditions.consensus.network import carriers, group_directions, unpinned_witness
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, refuted_margin, refutes
+from dobc_design.conditions.numbers import claimed
+from dobc_design.exact.pencil import Deviation
+from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.verdict import Verdict
 
 
-def problem_of(arcs, **changes):
-    given = {"network": Network.from_arcs(arcs, arrow="listens_to"), "coupling": "y"}
-    return Problem(**given | changes)
+def random_enclosed(seed):
+    r = Random(seed)
+    n = r.randint(1, 5)
+    entries = {(i, j): Fraction(r.randint(-6, 2 if i != j else -1)) for i in range(n) for j in range(i, n)}
+    places = [(r.randrange(n), r.randrange(n), r.randrange(n)) for _ in range(r.randint(0, 4))]
+    deviations = tuple(Deviation(*place, Fraction(1, r.randint(1, 30))) for place in places)
+    return Enclosed(middle=SparseSymmetric(n, entries), deviations=deviations)
 
 
-def lemma_of(problem):
-    return certify(problem).check("lemma1")
+def corners(matrix):
+    """The matrix at every choice t = +-size, as floats."""
+    n = matrix.middle.size
+    base = np.array(matrix.middle.to_dense(), dtype=float)
+    for signs in np.ndindex(*(2,) * len(matrix.deviations)):
+        total = base.copy()
+        for sign, d in zip(signs, matrix.deviations, strict=True):
+            t = float(d.size) * (2 * sign - 1)
+            J = np.zeros((n, n))
+            J[d.row, d.speaker] += t
+            J[d.row, d.listener] -= t
+            total += J + J.T
+        yield total
+
+
+def test_proofs_and_witnesses_hold_at_every_corner():
+    decided = 0
+    for seed in range(200):
+        matrix = random_enclosed(seed)
+        tops = [float(np.linalg.eigvalsh(each)[-1]) for each in corners(matrix)]
+        if is_negative(matrix):
+            assert max(tops) < 1e-9
+            decided += 1
+        vector = find_witness(matrix, [])
+        if vector is not None:
+            v = np.array(vector, dtype=float)
+            assert all(v @ each @ v >= -1e-9 * (v @ v) for each in corners(matrix))
+            assert -refuted_margin(matrix, vector) <= min(tops) + 1e-9
+            decided += 1
+        assert not (is_negative(matrix) and vector is not None)
+        exact = Enclosed(middle=matrix.middle)  # without deviations there is always an answer
+        assert is_negative(exact) is (find_witness(exact, []) is None)
+    assert decided > 130
+
+
+def test_values_enclose_every_corner_tightly_and_the_radius_bounds_the_norm_of_all_deviations():
+    """v'Mv is affine in each t, so that its range is spanned by the corners."""
+    for seed in range(200):
+        matrix, r = random_enclosed(seed), Random(-seed)
+        base = np.array(matrix.middle.to_dense(), dtype=float)
+        assert all(np.linalg.norm(each - base, 2) <= float(matrix.radius) + 1e-9 for each in corners(matrix))
+        vector = [Fraction(r.randint(-3, 3)) for _ in range(matrix.middle.size)]
+        v = np.array(vector, dtype=float)
+        values = [v @ each @ v for each in corners(matrix)]
+        found = matrix.value(vector)
+        assert np.isclose(min(values), float(found.lo))
+        assert np.isclose(max(values), float(found.hi))
+
+
+def test_zero_short_and_long_vectors_refute_nothing():
+    matrix = Enclosed(middle=SparseSymmetric(2, {(0, 0): Fraction(1)}))
+    one, zero = Fraction(1), Fraction(0)
+    assert refutes(matrix, (one, zero))
+    assert refutes(matrix, (zero, one))  # v'Mv = 0 is not < 0
+    assert not refutes(matrix, (zero, zero))
+    assert not refutes(matrix, (one,))
+    assert not refutes(matrix, (one, zero, zero))
+
+
+def test_a_refuted_margin_never_says_more_than_the_vector_shows():
+    """-margin <= v'Mv / v'v, read as the decimal text that is written; 3/10 - 10^-40 rounds down, not to 0.3."""
+    values = ("3/10", "1/3", "0", "1e320", "1e-330")
+    for value in (*map(Fraction, values), Fraction(3, 10) - Fraction(1, 10**40)):
+        matrix = Enclosed(middle=SparseSymmetric(1, {(0, 0): value}))
+        margin = refuted_margin(matrix, (Fraction(7),))
+        assert margin <= 0
+        assert -claimed(margin) <= network.lowest_quotient(matrix, (Fraction(7),)) == value
+    # candidates are preferred when they refute and ignored when not
+    matrix = Enclosed(middle=SparseSymmetric(2, {(0, 1): Fraction(1), (1, 1): Fraction(-1)}))
+    assert find_witness(matrix, [[1.0, 1.0]]) == (1, 1)
+    assert refutes(matrix, find_witness(matrix, [[1.0, -1.0], [float("nan"), 1.0], [float("inf"), 1.0], [0.0, 0.0]]))
 
 
 def test_of_unreached_agents_those_are_shown_that_suffice_and_all_are_named():
     """4 hears 5 hears 6 hears nobody: moving 6 alone is enough."""
-    problem = problem_of([[2, 1], [3, 2], [4, 5], [5, 6]], gains={1: 5})
-    lemma = lemma_of(problem)
+    problem = linked([[2, 1], [3, 2], [4, 5], [5, 6]], gains={1: 5})
+    lemma = certify(problem).check("lemma1")
     assert lemma.reason.startswith("agents 4, 5 and 6 hear no pinned agent, so nothing holds them:")
     assert lemma.witness.labels == ("6",)
     assert lemma.witness.values == ("0", "0", "0", "0", "0", "1")
@@ -37,8 +115,8 @@ def test_of_unreached_agents_those_are_shown_that_suffice_and_all_are_named():
 
 def test_a_slow_direction_is_told_by_those_who_carry_it():
     """3 hears 7 four times, 7 hears 3 once: (1, 1) has J + J' = [[-8, 5], [5, -2]], not negative along it."""
-    problem = problem_of([[1, 3], [3, 7, 4], [7, 3], [3, 1], [7, 1, "1/100"]], gains={1: 100})
-    lemma = lemma_of(problem)
+    problem = linked([[1, 3], [3, 7, 4], [7, 3], [3, 1], [7, 1, "1/100"]], gains={1: 100})
+    lemma = certify(problem).check("lemma1")
     assert lemma.witness.labels == ("3", "7")
     assert "the slowest direction is carried by agents 3 and 7" in lemma.reason
     assert "No gain on the present pins changes that." in lemma.reason
@@ -48,27 +126,24 @@ def test_a_slow_direction_is_told_by_those_who_carry_it():
 
 
 def test_a_direction_that_gains_leave_free_is_that_of_the_group():
-    problem = problem_of([[1, 2], [2, 1]], target=[0, 0], gains={1: [[0, 0], [0, 1]]})
-    (direction,) = group_directions(problem, problem.network.modes["G"])
+    problem = linked([[1, 2], [2, 1]], target=[0, 0], gains={1: [[0, 0], [0, 1]]})
+    (direction,) = network.group_directions(problem, problem.network.modes["G"])
     assert direction == [1, 0, 1, 0]
-    assert lemma_of(problem).witness.values == ("1", "0", "1", "0")
-    assert group_directions(problem_of([[1, 2], [2, 1]], gains={1: 1}), problem.network.modes["G"]) == []
+    assert certify(problem).check("lemma1").witness.values == ("1", "0", "1", "0")
+    assert network.group_directions(linked([[1, 2], [2, 1]], gains={1: 1}), problem.network.modes["G"]) == []
 
 
 def test_that_no_gains_on_the_present_pins_can_do_is_shown_by_agents_without_a_pin():
-    problem = problem_of([[1, 2], [2, 3]], gains={1: 5})
+    problem = linked([[1, 2], [2, 3]], gains={1: 5})
     matrices = {"G": enclosed_lambda(state_theorems(problem), "G")}
-    mode, vector = unpinned_witness(problem, matrices, {})
-    assert (mode, carriers(problem, vector)) == ("G", ("3",))
+    mode, vector = network.unpinned_witness(problem, matrices, {})
+    assert (mode, network.carriers(problem, vector)) == ("G", ("3",))
     assert form(Oracle(problem).lambda_("G"), list(vector)) >= 0
-
-
-def test_where_larger_gains_do_there_is_no_such_witness():
-    """1 hears 2 with weight 3: Lambda = [[-6, 3], [3, -1]] fails, but k_2 > 3/4 does."""
-    problem = problem_of([[1, 2, 3]], gains={2: "1/2"})
+    # 1 hears 2 with weight 3: Lambda = [[-6, 3], [3, -1]] fails, but k_2 > 3/4 does, so there is no such witness
+    problem = linked([[1, 2, 3]], gains={2: "1/2"})
     matrices = {"G": enclosed_lambda(state_theorems(problem), "G")}
-    assert unpinned_witness(problem, matrices, {"G": [[1.0, 2.0]]}) is None
-    assert lemma_of(problem).witness.labels == ("1", "2")
+    assert network.unpinned_witness(problem, matrices, {"G": [[1.0, 2.0]]}) is None
+    assert certify(problem).check("lemma1").witness.labels == ("1", "2")
 
 
 def check(id, verdict=Verdict.REFUTED, **changes):
@@ -83,8 +158,5 @@ def test_the_main_cure_is_that_of_the_theorem_and_parts_of_it_are_not_told_again
     assert main_cure(checks) is whole
     assert main_fix(checks) is whole.fix
     assert other_cures(checks) == [other]
-
-
-@pytest.mark.parametrize("checks", [[], [check("theorem1")], [check("observability", a=1)]])
-def test_without_a_cure_of_what_is_asked_there_is_no_main_one(checks):
-    assert main_fix(checks) is None
+    for none in ([], [check("theorem1")], [check("observability", a=1)]):
+        assert main_fix(none) is None

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from fractions import Fraction
 from itertools import combinations
-from random import Random
 
 import numpy as np
 import pytest
 from campaigns import a_problem
 from exact_oracle import Oracle
+from linked import linked
 from random_problems import random_problem
 from scipy import sparse
 
@@ -18,9 +18,10 @@ from dobc_design.conditions.consensus import propose
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.propose import (
     DENSE,
+    MOST_PRODUCTS,
     Top,
     decay_rate,
-    directions,
+    dominating_vector,
     float_lambda,
     lambda_tops,
     largest_eigenvalue,
@@ -29,7 +30,6 @@ from dobc_design.conditions.consensus.propose import (
     witness_directions,
 )
 from dobc_design.exact.matrix import multiply, to_float
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -39,19 +39,15 @@ PAPER_P = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))
 
 def dense(matrix) -> np.ndarray:
     """An exact sparse matrix as a float array."""
-    rows, columns, values = matrix.triplets()
-    table = np.zeros((matrix.size, matrix.size))
-    table[rows, columns] = values
-    return table
+    return np.array(matrix.to_dense(), dtype=float)
 
 
-def ring(n: int) -> Problem:
-    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
-        coupling="exp(y) - 1 + y",
-        gains=dict.fromkeys(range(1, n + 1, 10), 3),
-    )
+H = "exp(y) - 1 + y"
+
+
+def ring(n: int, **given) -> Problem:
+    gains = dict.fromkeys(range(1, n + 1, 10), 3)
+    return linked([[i, i % n + 1] for i in range(1, n + 1)], n, **{"coupling": H, "gains": gains} | given)
 
 
 @pytest.mark.parametrize("seed", range(80))
@@ -63,8 +59,7 @@ def test_the_float_lambda_is_the_exact_one(seed):
 
 
 def test_a_network_without_arcs_or_pins_has_lambda_zero():
-    problem = Problem(network=Network.from_arcs([], arrow="listens_to", agents=3), coupling="y")
-    table = float_lambda(problem, "G")
+    table = float_lambda(linked([], 3), "G")
     assert table.toarray().tolist() == [[0.0] * 3] * 3
     top = largest_eigenvalue(table)
     assert top.value == 0
@@ -77,21 +72,14 @@ def test_both_sides_of_the_switch_agree_with_numpy(n):
     top = largest_eigenvalue(table)
     full = table.toarray()
     assert top.value == pytest.approx(np.linalg.eigvalsh(full)[-1], abs=1e-7)
+    assert np.array_equal(largest_eigenvalue(table).vector, top.vector)  # it can be repeated
     assert np.linalg.norm(full @ top.vector - top.value * top.vector) < 1e-5
 
 
 def test_the_largest_eigenvalue_of_the_paper_cycle():
     """Theory, known answers: one pin k = 3 gives -0.153544, all pinned k gives -2 k."""
-
-    def cycle(gains) -> Problem:
-        arcs = [[i, i % 10 + 1] for i in range(1, 11)]
-        return Problem(
-            network=Network.from_arcs(arcs, arrow="listens_to", agents=10), coupling="exp(y) - 1 + y", gains=gains
-        )
-
-    assert largest_eigenvalue(float_lambda(cycle({1: 3}), "G")).value == pytest.approx(-0.153544, abs=5e-7)
-    assert largest_eigenvalue(float_lambda(cycle(3), "G")).value == pytest.approx(-6, abs=1e-12)
-    assert largest_eigenvalue(float_lambda(cycle(None), "G")).value == pytest.approx(0, abs=1e-12)
+    for gains, value in (({1: 3}, -0.153544), (3, -6), (None, 0)):
+        assert largest_eigenvalue(float_lambda(ring(10, gains=gains), "G")).value == pytest.approx(value, abs=5e-7)
 
 
 def test_a_direction_without_the_symmetry_of_the_start_is_found():
@@ -105,53 +93,31 @@ def test_a_direction_without_the_symmetry_of_the_start_is_found():
     assert top.value == pytest.approx(np.linalg.eigvalsh(matrix.toarray())[-1], rel=1e-7)
 
 
-@pytest.mark.parametrize("factor", [1e-320, 1e-200, 1e200, 1e307])
+@pytest.mark.parametrize("factor", [1e-320, 1e307])
 @pytest.mark.parametrize("n", [20, DENSE + 20])
 def test_huge_and_tiny_entries_neither_over_nor_underflow(n, factor):
     table = sparse.csr_array(sparse.diags_array(np.linspace(-1, -0.5, n)))
     scaled = sparse.csr_array(table * factor)
     assert largest_eigenvalue(scaled).value == pytest.approx(-0.5 * factor, rel=1e-2 if factor < 1e-300 else 1e-6)
-
-
-@pytest.mark.parametrize("entry", [np.inf, -np.inf, np.nan])
-def test_entries_that_are_no_numbers_give_no_estimate(entry):
-    top = largest_eigenvalue(sparse.csr_array(np.array([[entry, 0.0], [0.0, 1.0]])))
-    assert np.isnan(top.value)
-    assert not np.any(top.vector)
+    for entry in (np.inf, -np.inf, np.nan):  # no numbers, no estimate
+        top = largest_eigenvalue(sparse.csr_array(np.array([[entry, 0.0], [0.0, 1.0]])))
+        assert np.isnan(top.value)
+        assert not np.any(top.vector)
 
 
 def test_without_convergence_the_dense_solver_steps_in(monkeypatch):
+    calls = []
+
     def fail(*arguments, **settings):
+        calls.append((settings["ncv"], settings["tol"]))
         raise sparse.linalg.ArpackNoConvergence("no convergence", np.array([]), np.zeros((0, 0)))
 
     monkeypatch.setattr(sparse.linalg, "eigsh", fail)
     table = float_lambda(ring(DENSE + 20), "G")
     assert largest_eigenvalue(table).value == pytest.approx(np.linalg.eigvalsh(table.toarray())[-1], abs=1e-9)
+    assert calls == list(propose.LANCZOS)  # the second attempt has more vectors and less precision
     monkeypatch.setattr(propose, "LARGEST_DENSE", DENSE)  # too large for that: no estimate, no exception
     assert np.isnan(largest_eigenvalue(table).value)
-
-
-def test_the_second_attempt_has_more_vectors_and_less_precision(monkeypatch):
-    calls = []
-    real = sparse.linalg.eigsh
-
-    def once(*arguments, **settings):
-        calls.append((settings["ncv"], settings["tol"]))
-        if len(calls) == 1:
-            raise sparse.linalg.ArpackNoConvergence("no convergence", np.array([]), np.zeros((0, 0)))
-        return real(*arguments, **settings)
-
-    monkeypatch.setattr(sparse.linalg, "eigsh", once)
-    table = float_lambda(ring(DENSE + 20), "G")
-    assert largest_eigenvalue(table).value == pytest.approx(np.linalg.eigvalsh(table.toarray())[-1], abs=1e-5)
-    assert calls == list(propose.LANCZOS)
-
-
-def test_estimates_can_be_repeated():
-    table = float_lambda(ring(DENSE + 20), "G")
-    first, second = largest_eigenvalue(table), largest_eigenvalue(table)
-    assert first.value == second.value
-    assert np.array_equal(first.vector, second.vector)
 
 
 def full_psi(problem, P, Q, rate: float) -> np.ndarray:
@@ -195,31 +161,10 @@ def test_the_decay_of_the_paper_gain(harmonic):
     assert decay_rate(harmonic, ((Fraction(0),), (Fraction(0),))) == pytest.approx(0, abs=1e-12)
 
 
-def test_directions_come_slowest_mode_first():
-    tops = {name: Top(value=value, vector=np.array([value])) for name, value in (("a", -2.0), ("b", -1.0), ("c", -3.0))}
-    assert directions(tops) == [[-1.0], [-2.0], [-3.0]]
-
-
-def test_weights_that_differ_and_weights_that_agree_are_read_alike():
-    r = Random(0)
-    arcs = [[i, j] for i in range(1, 6) for j in range(1, 6) if i != j]
-    plain = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=5), coupling="y")
-    heavy = [[*arc, Fraction(r.randint(1, 9), 7)] for arc in arcs]
-    weighted = Problem(network=Network.from_arcs(heavy, arrow="listens_to", agents=5), coupling="y")
-    for problem in (plain, weighted):
-        exact = dense(state_theorems(problem).lambdas["G"].constant)
-        assert np.allclose(float_lambda(problem, "G").toarray(), exact, rtol=1e-15)
-
-
 @pytest.mark.parametrize("special", [{}, {(1, 0): "2*y"}])
 def test_weights_beyond_the_floats_give_no_warning_and_no_estimate(special):
     """A warning in this package is an error in these tests; certify must go on without an estimate."""
-    problem = Problem(
-        network=Network.from_arcs([[1, 2, "1e300"], [2, 1]], arrow="listens_to", agents=2),
-        coupling="100000000000000000000*y",
-        exceptions=special,
-        gains=1,
-    )
+    problem = linked([[1, 2, "1e300"], [2, 1]], coupling="100000000000000000000*y", exceptions=special, gains=1)
     assert not np.all(np.isfinite(float_lambda(problem, "G").toarray()))
     assert certify(problem).check("lemma1", "G").verdict is Verdict.REFUTED  # 4 (a + 1)(b + 1) < (a + b)^2
 
@@ -228,31 +173,21 @@ def moved(vector, m):
     return {place // m for place, x in enumerate(vector) if x}
 
 
-def test_a_leader_without_a_pin_is_a_direction_of_its_own():
-    network = Network.from_arcs([[1, 2], [2, 3]], arrow="listens_to")
-    directions = witness_directions(Problem(network=network, coupling="y", gains={1: 5}), "G")
+def test_a_leader_without_a_pin_and_a_cycle_without_one_are_directions_and_what_is_held_has_none(cycle, monkeypatch):
+    directions = witness_directions(linked([[1, 2], [2, 3]], gains={1: 5}), "G")
     assert moved(directions[0], 1) == {2}
-
-
-def test_a_cycle_without_a_pin_moves_as_a_whole(cycle):
     directions = witness_directions(cycle(8, pins={}), "G")
     assert [moved(each, 1) for each in directions] == [set(range(8))]
     assert np.ptp(directions[0]) < 1e-9
-
-
-def test_a_network_that_is_held_has_no_such_direction(cycle):
     assert witness_directions(cycle(5), "G") == []
-
-
-def test_a_network_too_large_to_look_at_has_none(cycle, monkeypatch):
-    monkeypatch.setattr(propose, "LARGEST_SEARCHED", 3)
+    monkeypatch.setattr(propose, "LARGEST_SEARCHED", 3)  # too large to look at
     assert witness_directions(cycle(5, pins={}), "G") == []
 
 
 def test_supports_are_nearly_always_the_smallest_there_are():
     """Random problems of all kinds, every support tried in order of size."""
     equal = total = 0
-    for seed in range(3000, 3060):
+    for seed in range(3000, 3050):
         problem = a_problem(seed)
         oracle = Oracle(problem)
         if not oracle.smooth:
@@ -265,7 +200,7 @@ def test_supports_are_nearly_always_the_smallest_there_are():
                 continue
             total += 1
             equal += len(moved(directions[0], problem.m)) == smallest_support(matrix, problem.n, problem.m)
-    assert total >= 30
+    assert total >= 24
     assert equal >= 0.9 * total
 
 
@@ -281,9 +216,51 @@ def smallest_support(matrix, n, m):
 @pytest.mark.parametrize("budget", [0, 10**6])
 def test_a_search_that_runs_out_of_time_still_has_a_direction(cycle, monkeypatch, budget):
     monkeypatch.setattr(propose, "BUDGET", budget)
-    network = Network.from_arcs([[i, 1, 5] for i in range(2, 9)] + [[1, 2]], arrow="listens_to", agents=8)
-    problem = Problem(network=network, coupling="y", gains={1: "1/9"})
+    problem = linked([[i, 1, 5] for i in range(2, 9)] + [[1, 2]], gains={1: "1/9"})
     directions = witness_directions(problem, "G")
     matrix = np.array(Oracle(problem).lambda_("G"), dtype=float)
     assert directions
     assert all(np.array(v) @ matrix @ np.array(v) >= -1e-9 for v in directions)
+
+
+def wide_ring(n, *, step=10, arcs=None):
+    """Both neighbours are heard; every so many agents one is pinned (step 0: none)."""
+    arcs = arcs or [[i, (i + k) % n or n] for i in range(1, n + 1) for k in (1, n - 1)]
+    return linked(arcs, n, coupling=H, gains=dict.fromkeys(range(1, n + 1, step), 3) if step else None)
+
+
+@pytest.mark.parametrize("step", [1, 10, 300])
+def test_the_bound_is_close_to_the_least_eigenvalue_and_not_beyond(step):
+    """-Lambda of a ring of 3000; the vector itself shows the bound."""
+    table = float_lambda(wide_ring(3000, step=step), "G").tocsr()
+    found = dominating_vector(table)
+    least = -sparse.linalg.eigsh(table.tocsc(), k=1, sigma=1e-3, return_eigenvectors=False)[0]
+    assert 0.95 * least <= found.least <= least * (1 + 1e-9)
+    assert (found.vector > 0).all()
+    assert np.min(-(table @ found.vector) / found.vector) == pytest.approx(found.least, rel=1e-6)
+    assert found.first <= found.products
+
+
+def test_few_products_are_enough_and_one_pin_is_left_to_a_factorisation():
+    """design.md: 250 for the first bound.  With one pin conjugate gradients would need half as many as agents."""
+    found = dominating_vector(float_lambda(wide_ring(10_000), "G"))
+    assert found.first <= 250
+    assert found.products <= MOST_PRODUCTS + 5
+    found = dominating_vector(float_lambda(wide_ring(20_000, step=20_000), "G"))
+    assert 0 < found.least < 4 * np.pi**2 / 20_000**2 * 4
+    assert found.products < 1000
+
+
+def test_without_a_pin_there_is_a_direction_and_no_bound():
+    """All agents moved together: v' Lambda v = 0."""
+    table = float_lambda(wide_ring(3000, step=0), "G").tocsr()
+    found = dominating_vector(table)
+    assert not found.least > 0
+    v = found.vector
+    assert v @ (table @ v) >= -1e-9 * (v @ v)
+
+    arcs = [[i, i + 1] for i in range(1, 2500)]  # the last agent hears nobody
+    found = dominating_vector(float_lambda(wide_ring(2501, arcs=arcs, step=2400), "G"))
+    assert not found.least > 0
+    assert found.vector.any()
+    assert dominating_vector(sparse.csr_array(np.array([[-np.inf, 0.0], [0.0, -1.0]]))) is None  # no floats

@@ -10,7 +10,8 @@ import pytest
 from equilibrium_cases import listening_pair, random_folded
 from lure_cases import field
 
-from dobc_design.conditions.equilibrium.claim import Equilibrium, field_at, require_fitting, slopes_on
+from dobc_design.conditions.equilibrium.claim import Equilibrium, field_at, slopes_on
+from dobc_design.conditions.equilibrium.decide import verify_equilibrium
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 
@@ -51,19 +52,17 @@ def test_the_slopes_hold_every_difference_on_the_box(seed: int, m: int):
         assert np.all(change <= most + 1e-9)
 
 
-def test_a_coupling_that_is_not_defined_on_the_box_raises():
+def test_what_cannot_be_a_claim_is_refused_and_a_coupling_that_is_not_defined_on_the_box_raises():
     problem = listening_pair("log(1 + y)")
     with pytest.raises(UndefinedError, match="log"):
         slopes_on(problem, "G", (Interval(F(1), F(2)), Interval(F(0), F(1))))
 
-
-def test_what_cannot_be_a_claim_is_refused():
     side = Interval(F(1), F(2))
     with pytest.raises(SpecError, match="longer than 0"):
         Equilibrium(mode="G", box=(side, Interval.point(1)))
     with pytest.raises(ShapeError, match="one interval per component"):
         Equilibrium(mode="G", box=())
     with pytest.raises(ShapeError, match="must have 2 sides"):
-        require_fitting(listening_pair(), Equilibrium(mode="G", box=(side,)))
+        verify_equilibrium(listening_pair(), Equilibrium(mode="G", box=(side,)))
     with pytest.raises(SpecError, match="mode must be one"):
-        require_fitting(listening_pair(), Equilibrium(mode="H", box=(side, side)))
+        verify_equilibrium(listening_pair(), Equilibrium(mode="H", box=(side, side)))

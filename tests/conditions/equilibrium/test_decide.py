@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 from random import Random
+from typing import Any
 
 import mpmath
 import numpy as np
 import pytest
 from confirming import confirmed
 from equilibrium_cases import FOLDED, exact, half_difference, listening_pair, random_folded
+from linked import linked
 from lure_cases import HARMONIC, PAPER_GAIN, field, random_problem
 from scipy.optimize import fsolve
 
@@ -25,15 +27,12 @@ from dobc_design.conditions.equilibrium.decide import (
 )
 from dobc_design.exact.interval import Interval
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 F = Fraction
 SADDLE = half_difference(3.3)  # y = 3.3077
 NODE = half_difference(6.0)  # y = 5.98
-
-
 SMALL = F(1, 10**4)
 
 
@@ -70,15 +69,17 @@ def test_a_box_is_proved_until_the_root_leaves_it():
     assert is_proved(problem, boxed(-SADDLE, SADDLE + half * F(9, 10)))
     assert not is_proved(problem, boxed(-SADDLE, SADDLE + half * F(11, 10)))
     assert not is_proved(problem, boxed(-SADDLE - half * F(11, 10), SADDLE))
-
-
-def test_the_target_itself_is_never_an_equilibrium_of_this_kind():
-    """At 0 the test holds as well, so a box that holds 0 is refused, and one that only touches it holds nothing."""
-    problem, half = listening_pair(), F(1, 10**4)
+    # At 0 the test holds as well, so a box that holds 0 is refused, and one that only touches it holds nothing.
     assert "target itself" in verify_equilibrium(problem, boxed(F(0), F(0))).reason
     assert "target itself" in verify_equilibrium(problem, boxed(F(0), half)).reason
     beside = verify_equilibrium(problem, boxed(F(0), half * F(1001, 1000)))
     assert (beside.verdict, "Krawczyk" in beside.reason) == (Verdict.UNDECIDED, True)
+    # Boxes made here leave room for coarser enclosures: at most nine tenths of each half width is used.
+    claim = enclose_equilibrium(problem, "G", [float(-SADDLE), float(SADDLE)])
+    assert verify_equilibrium(problem, claim, part=F(9, 10)).verdict is Verdict.PROVED
+    tight = boxed(-SADDLE, SADDLE + SMALL * F(95, 100))
+    assert is_proved(problem, tight)
+    assert verify_equilibrium(problem, tight, part=F(9, 10)).verdict is Verdict.UNDECIDED
 
 
 def test_the_box_has_to_lie_in_the_region_up_to_its_very_edge():
@@ -100,23 +101,16 @@ def test_goals_are_taken_into_account():
     """Target 1 and an offset of 2 for agent 2: x = (1 - y/2, 3 + y/2)."""
     claim = boxed(-SADDLE, SADDLE)
     low, high = 1 - SADDLE - F(1, 1000), 3 + SADDLE + F(1, 1000)
-    region = [low, high]
-    fits = listening_pair(target=1, offsets={2: 2}, reach=region)
-    assert refuting_check(fits, claim) is not None
+    assert refuting_check(listening_pair(target=1, offsets={2: 2}, reach=[low, high]), claim) is not None
     for other in ([low + F(1, 500), high], [low, high - F(1, 500)]):
         assert refuting_check(listening_pair(target=1, offsets={2: 2}, reach=other), claim) is None
 
 
 def test_an_observer_does_not_matter():
     """With eps = 0 the disturbance is cancelled, so the states rest as without one."""
-    problem = Problem(
-        network=listening_pair().network,
-        coupling="sin(y)",
-        gains="1/10",
-        exosystem=HARMONIC,
-        observer=Observer(W=PAPER_GAIN),
-        region={"initial_states": [-5, 5], "initial_disturbance": 0},
-    )
+    region = {"initial_states": [-5, 5], "initial_disturbance": 0}
+    observer = {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
+    problem = linked([[1, 2], [2, 1]], coupling="sin(y)", gains="1/10", region=region, **observer)
     check = refuting_check(problem, boxed(-SADDLE, SADDLE))
     assert confirmed(check, problem, W=PAPER_GAIN) is None
     assert "without W" in confirmed(check, problem)
@@ -151,7 +145,7 @@ def test_couplings_of_vectors_are_decided_too():
 def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(m: int):
     """Weights, exceptions, matrix gains, offsets; SciPy finds the roots and says how far they are from zero."""
     proved = 0
-    for seed in range(15):
+    for seed in range(10):
         problem, r = random_folded(seed, m=m), Random(f"roots {seed}")
         for _ in range(4):
             start = [r.uniform(-6, 6) for _ in range(problem.n * m)]
@@ -166,7 +160,7 @@ def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(m:
             polished, *_ = fsolve(lambda e, p=problem: field(p, "G", e), middle, xtol=1e-12, full_output=True)
             sides = zip(claim.box, polished.tolist(), strict=True)
             assert all(side.lo - F(1, 10**11) <= F(e) <= side.hi + F(1, 10**11) for side, e in sides)
-    assert proved >= 5
+    assert proved >= 3
 
 
 @pytest.mark.parametrize("m", [1, 2])
@@ -192,7 +186,7 @@ def test_boxes_in_which_the_field_does_not_vanish_are_never_proved(m: int):
 def test_no_equilibrium_is_proved_where_there_is_none():
     """tanh with every agent pinned has 0 only (theory, section 5: v = 1), wherever one looks."""
     r = Random("none")
-    for seed in range(20):
+    for seed in range(12):
         problem = random_problem(seed, pin=1.1)
         for _ in range(10):
             scale = r.choice((F(1, 1000), F(1, 10), F(1), F(5)))
@@ -200,36 +194,38 @@ def test_no_equilibrium_is_proved_where_there_is_none():
             assert not is_proved(problem, boxed(*middle, half=scale * F(r.randint(1, 40), 100), mode="G0"))
 
 
-def test_a_line_of_equilibria_is_not_proved():
+def test_a_line_of_equilibria_large_problems_and_wild_points_are_left_alone():
     """Without pins every common shift is an equilibrium; the slopes are singular and nothing is isolated."""
     assert enclose_equilibrium(listening_pair(gains=None), "G", [1.0, 1.0]) is None
-
-
-def test_large_problems_and_wild_points_are_left_alone():
-    big = Network.from_arcs([[i, i % 61 + 1] for i in range(1, 62)], arrow="listens_to", agents=61)
-    problem = Problem(network=big, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
+    arcs = [[i, i % 61 + 1] for i in range(1, 62)]
+    problem = linked(arcs, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
     assert enclose_equilibrium(problem, "G", [1.0] * 61) is None
     assert not is_proved(problem, boxed(*[F(1)] * 61))
     assert enclose_equilibrium(listening_pair(), "G", [float("nan"), 1.0]) is None
     assert not is_proved(listening_pair("exp(y) - 1"), boxed(F(0), F(10) ** 6))
 
 
-def test_without_a_region_nothing_is_refuted():
-    """The question is then about every neighbourhood of the target."""
-    problem = listening_pair(reach=None)
-    assert is_proved(problem, boxed(-SADDLE, SADDLE))
-    assert refuting_check(problem, boxed(-SADDLE, SADDLE)) is None
-
-
-def test_a_check_is_confirmed_from_its_json():
-    problem = listening_pair()
-    check = check_from_json(refuting_check(problem, boxed(-SADDLE, SADDLE)).to_json())
+def test_a_check_is_confirmed_from_its_json_and_for_no_other_problem():
+    problem, claim = listening_pair(), boxed(-SADDLE, SADDLE)
+    check = check_from_json(refuting_check(problem, claim).to_json())
     assert confirmed(check, problem) is None
     assert "-1.65387" in check.reason
+    assert confirmed(check, listening_pair(gains="2/10")) is not None
+    assert confirmed(check, listening_pair("tanh(y)")) is not None
+    free = listening_pair(reach=None)  # without a region the question is about every neighbourhood of the target
+    assert is_proved(free, claim)
+    assert refuting_check(free, claim) is None
 
 
-def moved(check: Check, by: str) -> list[list[str]]:
-    return [[str(F(lo) + F(by)), str(F(hi) + F(by))] for lo, hi in check.exact["box"]]
+def changed(check: Check, **exact: Any) -> dict[str, Any]:
+    return {"claim": Values({**check.exact, **exact})}
+
+
+def moved(check: Check, by: str) -> dict[str, Any]:
+    """The whole claim elsewhere, with the start that belongs to it."""
+    start = replace(check.witness, values=tuple(str(F(v) + F(by)) for v in check.witness.values))
+    box = [[str(F(lo) + F(by)), str(F(hi) + F(by))] for lo, hi in check.exact["box"]]
+    return {**changed(check, box=box), "witness": start}
 
 
 @pytest.mark.parametrize(
@@ -246,26 +242,15 @@ def moved(check: Check, by: str) -> list[list[str]]:
         (lambda c: {"witness": Witness(kind="start", values=("0", "0"))}, "not the middle"),
         (lambda c: {"witness": Witness(kind="start", values=c.witness.values[:1])}, "not the middle"),
         (lambda c: {"claim": None}, "must be an object"),
-        (lambda c: {"claim": Values({**c.exact, "more": "1"})}, "unknown fields"),
-        (lambda c: {"claim": Values({**c.exact, "mode": "H"})}, "a mode of this problem"),
-        (lambda c: {"claim": Values({**c.exact, "box": c.exact["box"][:1]})}, "one interval per component"),
-        (lambda c: {"claim": Values({**c.exact, "box": "text"})}, "a list of intervals"),
-        (lambda c: {"claim": Values({**c.exact, "box": [["1"], ["2"]]})}, "no list of intervals"),
-        (lambda c: {"claim": Values({**c.exact, "box": [["1", "1"], ["1", "1"]]})}, "no list of intervals"),
-        (
-            lambda c: {
-                "claim": Values({**c.exact, "box": moved(c, "1/1000")}),
-                "witness": replace(c.witness, values=tuple(str(F(v) + F("1/1000")) for v in c.witness.values)),
-            },
-            "Krawczyk",
-        ),
-        (
-            lambda c: {
-                "claim": Values({**c.exact, "box": moved(c, "4")}),
-                "witness": replace(c.witness, values=tuple(str(F(v) + 4) for v in c.witness.values)),
-            },
-            "leaves the region",
-        ),
+        (lambda c: changed(c, more="1"), "unknown fields"),
+        (lambda c: changed(c, mode="H"), "a mode of this problem"),
+        (lambda c: changed(c, box=c.exact["box"][:1]), "one interval per component"),
+        (lambda c: changed(c, box="text"), "a list of intervals"),
+        (lambda c: changed(c, box=[["1"], ["2"]]), "no list of intervals"),
+        (lambda c: changed(c, box=[["1", "1"], ["1", "1"]]), "no list of intervals"),
+        (lambda c: changed(c, box=[[-1.7, -1.6], [1.6, 1.7]]), "rational as text"),
+        (lambda c: moved(c, "1/1000"), "Krawczyk"),
+        (lambda c: moved(c, "4"), "leaves the region"),
     ],
 )
 def test_a_changed_check_is_not_confirmed(change, complaint: str):
@@ -274,41 +259,12 @@ def test_a_changed_check_is_not_confirmed(change, complaint: str):
     assert complaint in confirmed(replace(check, **change(check)), problem)
 
 
-def test_numbers_that_are_no_text_are_refused():
-    problem = listening_pair()
-    check = refuting_check(problem, boxed(-SADDLE, SADDLE))
-    changed = replace(check, claim=Values({"mode": "G", "box": [[-1.7, -1.6], [1.6, 1.7]]}))
-    assert "rational as text" in confirmed(changed, problem)
-
-
-def test_the_same_box_is_not_confirmed_for_another_problem():
-    check = refuting_check(listening_pair(), boxed(-SADDLE, SADDLE))
-    assert confirmed(check, listening_pair(gains="2/10")) is not None
-    assert confirmed(check, listening_pair("tanh(y)")) is not None
-
-
-def test_a_box_that_is_made_here_leaves_room_for_coarser_enclosures():
-    """The test uses at most nine tenths of each half width; a box that needs more is proved, and not made."""
-    problem = listening_pair()
-    claim = enclose_equilibrium(problem, "G", [float(-SADDLE), float(SADDLE)])
-    assert verify_equilibrium(problem, claim, part=F(9, 10)).verdict is Verdict.PROVED
-    tight = boxed(-SADDLE, SADDLE + SMALL * F(95, 100))
-    assert is_proved(problem, tight)
-    assert verify_equilibrium(problem, tight, part=F(9, 10)).verdict is Verdict.UNDECIDED
-
-
 def test_a_y_that_is_not_invertible_and_a_field_that_is_hardly_known_prove_nothing():
     """Y = 0 maps every box into itself, not into its interior; f(c) in [-1, 1] may be anything."""
     problem, claim = listening_pair(), boxed(-SADDLE, SADDLE)
     slopes, value = slopes_on(problem, "G", claim.box), field_at(problem, "G", claim.middle)
-    Y = tuple(tuple(map(F, row)) for row in np.linalg.inv(middle_of(slopes)).tolist())
+    middle = [[float(slopes[i, j].midpoint) for j in range(2)] for i in range(2)]
+    Y = tuple(tuple(map(F, row)) for row in np.linalg.inv(middle).tolist())
     assert krawczyk_holds(claim, value, slopes, Y, F(1))
     assert not krawczyk_holds(claim, value, slopes, ((F(0), F(0)), (F(0), F(0))), F(1))
     assert not krawczyk_holds(claim, (Interval(F(-1), F(1)),) * 2, slopes, Y, F(1))
-
-
-def middle_of(slopes) -> np.ndarray:
-    found = np.zeros((2, 2))
-    for place, slope in slopes.items():
-        found[place] = float(slope.midpoint)
-    return found

@@ -6,30 +6,31 @@ import json
 import math
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import pytest
 from confirming import confirmed, through_json
-from lure_cases import HARMONIC, PAPER, PAPER_GAIN, identity
+from linked import linked
+from lure_cases import HARMONIC, PAPER, PAPER_GAIN, identity, is_proved
 
 from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.boxes.decide import exhaustive_check
 from dobc_design.conditions.boxes.propose import grow_shell
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import covers
-from dobc_design.conditions.quadratic.checks import (
+from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.quadratic.decide import (
     certified_ball,
     lure_check,
     lure_from_json,
+    verify_lure,
 )
-from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.conditions.quadratic.propose import design_lure
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region
 from dobc_design.verdict import Verdict
@@ -40,20 +41,9 @@ SMALL = 1 + Fraction(1, 10**6)
 
 def ring(n: int = 3, *, coupling: Any = PAPER, gains: Any = 3, side: str = "1/2", exosystem: Any = None, **more: Any):
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    region = Region(
-        initial_states=((-Fraction(side), Fraction(side)),) * (2 if isinstance(coupling, list) else 1),
-        initial_disturbance=Fraction(1, 10) if exosystem is not None else None,
-    )
-    target = [0, 0] if isinstance(coupling, list) else 0
-    return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
-        coupling=coupling,
-        gains=gains,
-        target=target,
-        exosystem=exosystem,
-        region=region,
-        **more,
-    )
+    states = ((-Fraction(side), Fraction(side)),) * (2 if isinstance(coupling, list) else 1)
+    region = Region(initial_states=states, initial_disturbance=Fraction(1, 10) if exosystem is not None else None)
+    return linked(arcs, n, coupling=coupling, gains=gains, exosystem=exosystem, region=region, **more)
 
 
 def by_hand(problem: Problem, *, radius: str = "2", tau: str = "1/4", **changes: Any) -> Lure:
@@ -81,9 +71,10 @@ def check_of(problem: Problem, lure: Lure, radius: float, disturbance: float = 0
     return lure_check(problem, problem.observer.W, lure, radius=radius, disturbance=disturbance, domain="consensus")
 
 
-def refusal(problem: Problem, check: Check, *, domain: str = "consensus") -> str | None:
-    """What is wrong with a check after its way through JSON."""
-    return confirmed(check, problem, W=problem.observer.W, domain=domain)
+def refusal(problem: Problem, check: Check, *, domain: str = "consensus", **exact: Any) -> str | None:
+    """What is wrong with a check, or with other exact values in it, after its way through JSON."""
+    changed = replace(check, claim=Values({**check.exact, **exact})) if exact else check
+    return confirmed(changed, problem, W=problem.observer.W, domain=domain)
 
 
 def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
@@ -98,6 +89,11 @@ def test_the_largest_ball_is_proved_and_confirmed_and_the_next_number_is_not():
     assert check_of(problem, lure, 1.41422).verdict is Verdict.UNDECIDED
     assert "not inside" in str(refusal(problem, replace(check, domain={**check.domain, "radius": 1.41422})))
     assert certified_ball(problem, lure, disturbance=0.0) == pytest.approx(math.sqrt(2), rel=1e-5)
+    # A ball covers the region iff it holds its corners: side 1/2, three agents, R^2 >= 3/4.
+    for radius, inside in ((0.8660254, False), (0.8660255, True)):
+        check = check_of(problem, by_hand(problem), radius)
+        assert check.verdict is Verdict.PROVED
+        assert covers(problem, check, [check]) is inside
 
 
 def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
@@ -111,18 +107,8 @@ def test_with_the_observer_the_disturbance_takes_its_part_of_the_level():
     assert "P" in check.exact
     exact = {name: value for name, value in check.exact.items() if name != "P"}
     assert "lacks P" in str(refusal(problem, replace(check, claim=Values(exact))))
-    smaller = {**check.exact, "P": [["1/8", "-1/16"], ["-1/16", "1/12"]]}
-    assert "matrix inequality fails" in str(refusal(problem, replace(check, claim=Values(smaller))))
-    skew = {**check.exact, "P": [["1", "-1/2"], ["-1/3", "2/3"]]}
-    assert "symmetric" in str(refusal(problem, replace(check, claim=Values(skew))))
-
-
-def test_without_a_gain_nothing_applies():
-    problem, lure = observed()
-    check = lure_check(problem, None, lure, radius=1.0, disturbance=0.0, domain="consensus")
-    assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
-    proved = check_of(problem, lure, 1.0)
-    assert "does not apply" in str(confirmed(proved, problem))
+    assert "matrix inequality fails" in str(refusal(problem, check, P=[["1/8", "-1/16"], ["-1/16", "1/12"]]))
+    assert "symmetric" in str(refusal(problem, check, P=[["1", "-1/2"], ["-1/3", "2/3"]]))
 
 
 CHANGES: tuple[tuple[str, Any, str], ...] = (
@@ -146,10 +132,10 @@ CHANGES: tuple[tuple[str, Any, str], ...] = (
     ("rate", "9", "inequality fails"),
     ("rate", "0.0999999", "does not follow"),
     ("multipliers", {}, "lacks"),
-    ("multipliers", {"mode 1": ["1/4", "1/4"]}, "multipliers must have 3 entries"),
-    ("multipliers", {"mode 1": ["1/4", "1/4", "0"]}, "must be > 0"),
-    ("multipliers", {"mode 1": ["1/4", "1/4", "-1/4"]}, "must be > 0"),
-    ("multipliers", {"mode 1": ["1/4", "1/4", "40"]}, "inequality fails"),
+    ("multipliers", {"G": ["1/4", "1/4"]}, "multipliers must have 3 entries"),
+    ("multipliers", {"G": ["1/4", "1/4", "0"]}, "must be > 0"),
+    ("multipliers", {"G": ["1/4", "1/4", "-1/4"]}, "must be > 0"),
+    ("multipliers", {"G": ["1/4", "1/4", "40"]}, "inequality fails"),
     ("ranges", [], "must name every coupling"),
     ("ranges", {}, "must be a list"),
     ("ranges", [{"coupling": True, "gains": [[["1", "5"]]]}], "whole number"),
@@ -165,10 +151,8 @@ def test_every_part_of_the_claim_is_decided_again(name, value, words):
     """The claim is P_e = I, radius 2, level 2, tau 1/4, gains in [1.43233, 4.19453], rate 1/10."""
     problem = ring()
     check = check_of(problem, by_hand(problem), 1.0)
-    mode = next(iter(problem.network.modes))
-    value = dict.fromkeys([mode], *value.values()) if name == "multipliers" and value else value
     assert refusal(problem, check) is None
-    assert words in str(refusal(problem, replace(check, claim=Values({**check.exact, name: value}))))
+    assert words in str(refusal(problem, check, **{name: value}))
 
 
 @pytest.mark.parametrize(
@@ -193,62 +177,42 @@ def test_what_stands_beside_the_exact_values_has_to_follow_too(changes, words):
 def test_without_a_level_every_coupling_has_to_be_linear():
     """h = 2 y, all k = 3: everywhere; tanh with the same claim is not shown, and "consensus" is no such domain."""
     linear = ring(coupling="2*y")
-    lure = by_hand(
-        linear, radius="1", ranges=enclose_ranges(linear, radius=None), multipliers={"mode 1": (Fraction(0),) * 3}
-    )
-    mode = next(iter(linear.network.modes))
-    lure = replace(lure, radius=None, level=None, multipliers={mode: (Fraction(0),) * 3})
+    everywhere = {"ranges": enclose_ranges(linear, radius=None), "multipliers": {"G": (Fraction(0),) * 3}}
+    lure = replace(by_hand(linear, radius="1", **everywhere), radius=None, level=None)
     check = check_of(linear, lure, 0.0)
     assert (check.verdict, check.domain) == (Verdict.PROVED, "global")
     assert refusal(linear, check, domain="global") is None
     assert "must be global" in str(refusal(linear, check))
-    assert "must be global" in str(
-        refusal(linear, replace(check, domain={"kind": "ball", "radius": 1.0, "disturbance": 0.0}), domain="global")
-    )
+    in_ball = replace(check, domain={"kind": "ball", "radius": 1.0, "disturbance": 0.0})
+    assert "must be global" in str(refusal(linear, in_ball, domain="global"))
     assert "need a radius" in str(refusal(ring(coupling="2*tanh(y)"), check, domain="global"))
-    useless = {**check.exact, "multipliers": {mode: ["0", "0", "1"]}}
-    assert "is not 0" in str(refusal(linear, replace(check, claim=Values(useless)), domain="global"))
+    assert "is not 0" in str(refusal(linear, check, domain="global", multipliers={"G": ["0", "0", "1"]}))
 
 
 def test_a_list_of_expressions_has_one_channel_for_every_gain():
     """h = (y1 + tanh(y2)/5, y2): off-diagonal gains take part."""
     problem = ring(coupling=["y1 + tanh(y2)/5", "y2"])
-    lure = design_lure(
-        problem,
-        holds=lambda each: verify_lure(problem, each).verdict is Verdict.PROVED,
-        shape="identity",
-        largest=Fraction(3),
-    )
+    lure = design_lure(problem, holds=partial(is_proved, problem), shape="identity", largest=Fraction(3))
     assert lure is not None
     check = check_of(problem, lure, certified_ball(problem, lure, disturbance=0.0))
     assert check.verdict is Verdict.PROVED
     assert refusal(problem, check) is None
     gains = [[["1", "1"], ["0.1", "0.2"]], [["0", "0"], ["1", "1"]]]
-    assert "not shown" in str(
-        refusal(problem, replace(check, claim=Values({**check.exact, "ranges": [{"coupling": 0, "gains": gains}]})))
-    )
+    assert "not shown" in str(refusal(problem, check, ranges=[{"coupling": 0, "gains": gains}]))
 
 
-def test_a_claim_comes_back_from_json_as_it_went_in():
+def test_a_claim_comes_back_from_json_as_it_went_in_and_without_a_gain_it_does_not_apply():
     problem, lure = observed()
+    check = lure_check(problem, None, lure, radius=1.0, disturbance=0.0, domain="consensus")
+    assert (check.verdict, check.reason[:15]) == (Verdict.UNDECIDED, "does not apply:")
+    assert "does not apply" in str(confirmed(check_of(problem, lure, 1.0), problem))
     assert lure_from_json(json.loads(json.dumps(lure.to_json())), problem, PAPER_GAIN) == lure
     full = replace(lure, P_e=SparseSymmetric(10, {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}), rate=Fraction(2, 9))
     assert lure_from_json(json.loads(json.dumps(full.to_json())), problem, PAPER_GAIN) == full
 
 
-def test_a_ball_covers_the_region_iff_it_holds_its_corners():
-    """Side 1/2, three agents: R^2 >= 3/4, so 0.8660254 is too small and 0.8660255 is not."""
-    problem = ring()
-    for radius, inside in ((0.8660254, False), (0.8660255, True)):
-        check = check_of(problem, by_hand(problem), radius)
-        assert check.verdict is Verdict.PROVED
-        assert covers(problem, check, [check]) is inside
-
-
 def shell_of(problem: Problem, **options: Any):
-    lure = design_lure(
-        problem, holds=lambda each: verify_lure(problem, each).verdict is Verdict.PROVED, shape="identity", **options
-    )
+    lure = design_lure(problem, holds=partial(is_proved, problem), shape="identity", **options)
     assert lure is not None
     shell = grow_shell(problem, lure, largest=Fraction(8))
     assert shell is not None
@@ -280,26 +244,17 @@ def test_boxes_are_confirmed_and_the_next_larger_claims_are_not():
         ("level", str(shell.lure.level * SMALL), "reaches beyond"),
         ("level", None, "both be null"),
     ):
-        assert words in str(refusal(problem, replace(check, claim=Values({**check.exact, name: value})))), (name, value)
+        assert words in str(refusal(problem, check, **{name: value})), (name, value)
     wider = {"outer": str(shell.outer * Fraction(103, 100)), "half": str(2 * shell.half)}
-    assert "not shown in some box" in str(refusal(problem, replace(check, claim=Values({**check.exact, **wider}))))
+    assert "not shown in some box" in str(refusal(problem, check, **wider))
     nearer = {**check.domain, "radius": radius * 1.0001}
     assert "not inside" in str(refusal(problem, replace(check, domain=nearer)))
     assert refusal(problem, replace(check, rate=0.01)) is not None
     assert covers(problem, check, [check])
-
-
-def test_boxes_that_are_halved_too_often_are_refused():
-    """Thirty times across one component is the limit: beyond, ends of boxes are not exact in float64."""
-    problem = ring(2)
-    shell = shell_of(problem)
+    # Thirty halvings across one component are the limit: beyond, ends of boxes are not exact in float64.
     check = exhaustive_check(problem, None, shell, radius=1.0, disturbance=0.0, domain="consensus")
-    deep = "".join("0" if depth == 0 else "0." for depth in range(31)) + ".."
-    assert "does not describe boxes" in str(
-        refusal(problem, replace(check, claim=Values({**check.exact, "tree": deep})))
-    )
-    fair = "".join("0" if depth == 0 else "0." for depth in range(30)) + ".."
-    assert "not shown in some box" in str(refusal(problem, replace(check, claim=Values({**check.exact, "tree": fair}))))
+    for halvings, words in ((31, "does not describe boxes"), (30, "not shown in some box")):
+        assert words in str(refusal(problem, check, tree="0" + "0." * (halvings - 1) + ".."))
 
 
 def test_numbers_that_floating_point_cannot_follow_are_refused_not_skipped():
@@ -314,12 +269,6 @@ def test_numbers_that_floating_point_cannot_follow_are_refused_not_skipped():
         multipliers={mode: tuple(tau * factor for tau in taus) for mode, taus in lure.multipliers.items()},
     )
     assert verify_lure(problem, scaled).verdict is Verdict.PROVED
+    large = replace(shell, lure=scaled, outer=shell.outer * factor)
     with pytest.raises(ValueError, match="between 1e-100 and 1e100"):
-        exhaustive_check(
-            problem,
-            None,
-            replace(shell, lure=scaled, outer=shell.outer * factor),
-            radius=1.0,
-            disturbance=0.0,
-            domain="consensus",
-        )
+        exhaustive_check(problem, None, large, radius=1.0, disturbance=0.0, domain="consensus")

@@ -15,7 +15,7 @@ from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.quadratic.claim import Lure, interval_matrix, lure_matrix, vertex_matrices
 from dobc_design.conditions.quadratic.sectors import Sectors, build_sectors, enclose_ranges
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.matrix import multiply, to_float
+from dobc_design.exact.matrix import matrix, multiply, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.problem import Problem
 
@@ -63,13 +63,8 @@ def test_the_reduced_inequality_is_the_schur_complement_of_the_one_in_theory(see
     second = P @ B + C_E.T @ np.diag(low + high) @ T
     border = P @ np.kron(np.eye(problem.n), np.eye(m))
     omega = -np.kron(np.eye(problem.n), np.linalg.inv(to_float(S)))  # C = I, so C (-Omega)^-1 C' = S
-    block = np.block(
-        [
-            [first, second, border],
-            [second.T, -2 * T, np.zeros((count, border.shape[1]))],
-            [border.T, np.zeros((border.shape[1], count)), omega],
-        ]
-    )
+    none = np.zeros((count, border.shape[1]))
+    block = np.block([[first, second, border], [second.T, -2 * T, none], [border.T, none.T, omega]])
     rest = block[size:, size:]
     schur = first - block[:size, size:] @ np.linalg.solve(rest, block[size:, :size])
     ours = to_float(lure_matrix(sectors, "G0", P_e, tau, rate=beta, S=S).to_dense())
@@ -96,11 +91,9 @@ def test_every_corner_is_the_derivative_for_those_gains_and_the_bounds_lie_above
     B, C_E, low, high = arrays(sectors, "G0")
     P_e = random_metric(sectors.size, "full", seed)
     P, K = to_float(P_e.to_dense()), pins(problem)
-    beta = Fraction(1, 3)
-    wanted = []
-    for corner in itertools.product((0, 1), repeat=len(low)):
-        J = B @ np.diag(np.where(corner, high, low)) @ C_E - K
-        wanted.append(P @ J + J.T @ P + 2 / 3 * P)
+    beta, corners = Fraction(1, 3), itertools.product((0, 1), repeat=len(low))
+    loops = [B @ np.diag(np.where(corner, high, low)) @ C_E - K for corner in corners]
+    wanted = [P @ J + J.T @ P + 2 / 3 * P for J in loops]
     ours = [to_float(each.to_dense()) for each in vertex_matrices(sectors, "G0", P_e, rate=beta)]
     assert np.allclose(ours, wanted)
     r = Random(seed)
@@ -116,13 +109,10 @@ def test_a_linear_channel_needs_no_multiplier_and_moves_into_the_linear_part():
     assert np.array_equal(to_float(lure_matrix(sectors, "G", identity(4), (Fraction(0),) * 4).to_dense()), J + J.T)
 
 
-def test_corners_are_refused_when_there_are_too_many():
+def test_multipliers_have_to_be_as_many_as_channels_and_positive_and_corners_not_too_many():
+    sectors = at_radius(cycle(3, 1))
     with pytest.raises(SpecError, match="13 channels with a range"):
         next(vertex_matrices(at_radius(cycle(13, 1)), "G", identity(13)))
-
-
-def test_multipliers_have_to_be_as_many_as_channels_and_positive():
-    sectors = at_radius(cycle(3, 1))
     with pytest.raises(ShapeError, match="must have 3 entries, one per channel; got 2"):
         lure_matrix(sectors, "G", identity(3), (ONE, ONE))
     with pytest.raises(ShapeError, match="must be > 0 where the gain has a range"):
@@ -144,14 +134,6 @@ def test_what_cannot_be_a_claim_is_refused(change, words):
         Lure(**(given | change))
 
 
-@pytest.mark.parametrize(
-    ("entries", "shape"),
-    [
-        ({(0, 0): 2, (1, 1): 2}, "identity"),
-        ({(0, 0): 2, (1, 1): 3}, "diagonal"),
-        ({(0, 0): 2, (0, 1): 1, (1, 1): 2}, "full"),
-    ],
-)
-def test_a_certificate_says_what_shape_its_p_has(entries, shape):
-    metric = SparseSymmetric(2, {place: Fraction(x) for place, x in entries.items()})
-    assert Lure(P_e=metric, ranges=(), radius=ONE, level=ONE).shape == shape
+def test_a_certificate_says_what_shape_its_p_has():
+    for dense, shape in (([[2, 0], [0, 2]], "identity"), ([[2, 0], [0, 3]], "diagonal"), ([[2, 1], [1, 2]], "full")):
+        assert Lure(P_e=SparseSymmetric.from_dense(matrix(dense)), ranges=(), radius=ONE, level=ONE).shape == shape

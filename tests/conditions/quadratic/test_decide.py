@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from linked import linked
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, identity, is_proved
 
 from dobc_design.conditions.quadratic.claim import Lure
@@ -17,7 +18,6 @@ from dobc_design.errors import ShapeError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -27,13 +27,8 @@ MORE = Fraction(101, 100)
 def certificate(problem: Problem, radius: Fraction, **changes) -> Lure:
     """P_e = I and the level that fits the radius exactly."""
     size = problem.n * problem.m
-    given = {
-        "P_e": identity(size),
-        "ranges": enclose_ranges(problem, radius=radius),
-        "radius": radius,
-        "level": radius * radius / 2,
-    }
-    return Lure(**(given | changes))
+    ranges = enclose_ranges(problem, radius=radius)
+    return Lure(**{"P_e": identity(size), "ranges": ranges, "radius": radius, "level": radius * radius / 2} | changes)
 
 
 def with_tau(problem: Problem, radius: Fraction, tau: Fraction, **changes) -> Lure:
@@ -59,15 +54,10 @@ def test_the_interval_bound_reaches_the_radius_of_the_theory_and_not_one_per_cen
 def test_the_multipliers_reach_four_with_p_equal_to_i_and_fail_one_per_cent_further(n):
     """Theory, section 9: r = 4.0889, ball 2.891; by symmetry one tau for all arcs is the best choice."""
     problem, r = cycle(n, 3), Fraction("4.08")
-    reached = [
-        tau for tau in (Fraction(k, 1000) for k in range(20, 200, 2)) if is_proved(problem, with_tau(problem, r, tau))
-    ]
-    assert reached
-    lure = with_tau(problem, r, reached[0])
+    taus = [Fraction(k, 1000) for k in range(20, 200, 4)]
+    lure = next(each for tau in taus if is_proved(problem, each := with_tau(problem, r, tau)))
     assert covered_radius(problem, lure) == pytest.approx(4.08 / math.sqrt(2), rel=1e-6)
-    assert not any(
-        is_proved(problem, with_tau(problem, Fraction("4.135"), Fraction(k, 1000))) for k in range(20, 200, 2)
-    )
+    assert not any(is_proved(problem, with_tau(problem, Fraction("4.135"), tau)) for tau in taus)
 
 
 def test_corners_prove_what_interval_bounds_do_not():
@@ -87,16 +77,11 @@ def test_the_region_is_refuted_as_soon_as_the_level_is_too_large():
     assert verify_lure(problem, replace(above, level=None)).step == "region"
 
 
-@pytest.mark.parametrize(
-    "h",
-    [
-        "y - 10*max(y - 1, 0) + 10*max(-y - 1, 0)",  # gain 1 as far as |y| <= 1, negative beyond
-        "10*max(-y - 1, 0) - 10*max(y - 1, 0)",  # gain 0 there: no channel at all
-    ],
-)
+# gain 1 as far as |y| <= 1, negative beyond; gain 0 there: no channel at all
+@pytest.mark.parametrize("h", ["y - 10*max(y - 1, 0) + 10*max(-y - 1, 0)", "10*max(-y - 1, 0) - 10*max(y - 1, 0)"])
 def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_number(h):
     """Two agents, k = 1: from e = (100, -100) the first one runs away at first."""
-    problem = Problem(network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2), coupling=h, gains=1)
+    problem = linked([[1, 2], [2, 1]], coupling=h, gains=1)
     held = with_tau(problem, Fraction(1), Fraction(0))
     if not held.ranges[0].entries[0][0].lo:
         held = certificate(problem, Fraction(1), multipliers={"G": ()})
@@ -108,15 +93,13 @@ def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_numb
 
 def test_the_region_of_a_full_p_is_decided_with_its_inverse():
     """P_e = [[2, 1], [1, 2]], two agents: c'P_e^-1 c = 2 exactly."""
-    problem = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to", agents=2), coupling="tanh(y)", gains=9)
+    problem = linked([[1, 2]], coupling="tanh(y)", gains=9)
     metric = SparseSymmetric(2, {(0, 0): Fraction(2), (0, 1): Fraction(1), (1, 1): Fraction(2)})
     exact = with_tau(problem, Fraction(1), Fraction(3), P_e=metric, level=Fraction(1, 2))
     assert is_proved(problem, exact)
     assert verify_lure(problem, replace(exact, level=Fraction(500001, 10**6))).step == "region"
 
-
-def test_a_faster_rate_is_refuted():
-    """All gains 3, couplings near linear: (e'e)' <= -6 e'e on balanced graphs, so beta is just below 3."""
+    # All gains 3, couplings near linear: (e'e)' <= -6 e'e on balanced graphs, so beta is just below 3.
     problem, r = cycle(4, 3, coupling="y + y**3"), Fraction(1, 100)
     assert is_proved(problem, with_tau(problem, r, Fraction(1000), rate=Fraction("2.99")))
     faster = verify_lure(problem, with_tau(problem, r, Fraction(1000), rate=Fraction("3.02")))
@@ -150,7 +133,7 @@ def test_gains_without_a_radius_are_believed_for_linear_couplings_only():
     assert (decision.verdict, "cannot be enclosed" in decision.reason) == (Verdict.UNDECIDED, True)
 
 
-def test_a_p_that_is_not_positive_definite_is_refuted_with_a_vector():
+def test_a_p_that_is_not_positive_definite_is_refuted_with_a_vector_and_one_of_another_size_refused():
     problem = cycle(2, 3)
     metric = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})
     decision = verify_lure(problem, with_tau(problem, Fraction(1), Fraction(1), P_e=metric))
@@ -158,8 +141,6 @@ def test_a_p_that_is_not_positive_definite_is_refuted_with_a_vector():
     assert decision.witness is not None
     assert metric.quadratic_form(decision.witness) <= 0
 
-
-def test_a_certificate_of_another_size_is_refused():
     with pytest.raises(ShapeError, match="P_e must have 3 rows, one per component of e; got 4"):
         verify_lure(cycle(3, 3), replace(with_tau(cycle(3, 3), Fraction(1), Fraction(1)), P_e=identity(4)))
 
@@ -168,11 +149,10 @@ def test_every_mode_has_to_hold():
     """Pinned everywhere; in mode B the agents listen to one leader, which e'e pays for."""
     ring = [[i, i % 6 + 1] for i in range(1, 7)]
     star = [[i, 1] for i in range(2, 7)]
-    network = Network.from_arcs({"A": ring, "B": star}, arrow="listens_to", agents=6)
-    problem = Problem(network=network, coupling="tanh(y)", gains="1/10")
+    problem = linked({"A": ring, "B": star}, coupling="tanh(y)", gains="1/10")
     decision = verify_lure(problem, with_tau(problem, Fraction(1, 10), Fraction(50)))
     assert (decision.verdict, decision.mode) == (Verdict.REFUTED, "B")
-    better = Problem(network=problem.network, coupling="tanh(y)", gains=2)
+    better = linked({"A": ring, "B": star}, coupling="tanh(y)", gains=2)
     assert is_proved(better, with_tau(better, Fraction(1, 10), Fraction(50)))
 
 
@@ -207,9 +187,7 @@ def test_covered_starts_pay_for_the_observer_errors():
         if R:
             assert covers(problem, lure, radius=Fraction(str(R)), disturbance=s)
             assert not covers(problem, lure, radius=Fraction(str(R)) * (1 + Fraction(1, 10**6)), disturbance=s)
-
-
-def test_without_a_pair_nothing_is_covered_but_eps_zero():
+    # without a pair nothing is covered but eps = 0
     problem = cycle(10, 3, exosystem=HARMONIC)
     lure = with_tau(problem, Fraction("4.08"), Fraction("0.084"))
     assert is_proved(problem, lure)
@@ -221,14 +199,11 @@ def test_without_a_pair_nothing_is_covered_but_eps_zero():
 @pytest.mark.parametrize("k", [Fraction(1, 10), Fraction(1), Fraction(3)])
 def test_two_agents_are_never_certified_beyond_their_other_equilibrium(k):
     """h = y - y^3 both ways, k: z = e1 - e2 obeys z' = -(k + 2) z + 2 z^3, so z^2 = (k + 2)/2 stays where it is."""
-    problem = Problem(
-        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2), coupling="y - y**3", gains=str(k)
-    )
+    problem = linked([[1, 2], [2, 1]], coupling="y - y**3", gains=str(k))
     truth = math.sqrt((float(k) + 2) / 2)
-    for method in ("interval", "vertices"):
-        for part in (1.001, 1.5):
-            r = Fraction(truth * part).limit_denominator(10**6)
-            assert not is_proved(problem, certificate(problem, r, method=method))
+    for method, part in (("interval", 1.001), ("vertices", 1.001), ("vertices", 1.5)):
+        r = Fraction(truth * part).limit_denominator(10**6)
+        assert not is_proved(problem, certificate(problem, r, method=method))
     assert is_proved(problem, certificate(problem, Fraction(3, 10), method="vertices"))
 
 
@@ -239,9 +214,7 @@ def test_the_bound_on_the_largest_eigenvalue_lies_just_above_it(seed):
     M = SparseSymmetric.from_dense(tuple(tuple(Fraction(int(x), 7) for x in row) for row in rows + rows.T))
     truth = float(np.linalg.eigvalsh((rows + rows.T) / 7)[-1])
     assert truth - 1e-12 <= float(eigenvalue_bound(M)) <= truth + 1e-6
-
-
-def test_the_bound_of_a_diagonal_matrix_is_its_largest_entry():
+    # of a diagonal matrix it is the largest entry
     assert eigenvalue_bound(SparseSymmetric(3, {(0, 0): Fraction(1, 3), (2, 2): Fraction(2, 7)})) == Fraction(1, 3)
     assert eigenvalue_bound(SparseSymmetric(2, {(0, 0): Fraction(-1), (1, 1): Fraction(-2)})) == -1
     repeated = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})

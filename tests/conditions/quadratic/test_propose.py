@@ -5,23 +5,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
+from linked import linked
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, identity, is_proved, random_problem, values_along
 
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import covered_radius, covers
-from dobc_design.conditions.quadratic.propose import (
-    bound_lure,
-    design_lure,
-    linear_rate,
-    raise_rate,
-    rate_estimate,
-)
+from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate, rate_estimate
 from dobc_design.conditions.quadratic.sectors import enclose_ranges
 from dobc_design.errors import SpecError
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
 ALL, ONE = 3, {1: 3}
@@ -29,7 +24,7 @@ ALL, ONE = 3, {1: 3}
 
 def found(problem: Problem, **options) -> Lure:
     """A certificate, which has to exist."""
-    lure = design_lure(problem, holds=lambda each: is_proved(problem, each), **options)
+    lure = design_lure(problem, holds=partial(is_proved, problem), **options)
     assert lure is not None
     assert is_proved(problem, lure)
     return lure
@@ -38,9 +33,8 @@ def found(problem: Problem, **options) -> Lure:
 def enlarged(problem: Problem, lure: Lure, part: str) -> Lure:
     """The same certificate for a radius a little larger, with the level that belongs to it."""
     radius = lure.radius * Fraction(part)
-    return replace(
-        lure, radius=radius, ranges=enclose_ranges(problem, radius=radius), level=lure.level * Fraction(part) ** 2
-    )
+    ranges = enclose_ranges(problem, radius=radius)
+    return replace(lure, radius=radius, ranges=ranges, level=lure.level * Fraction(part) ** 2)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +59,7 @@ def test_the_directed_ten_cycle_reaches_the_known_radii_and_balls(gains, shape, 
 def test_the_interval_bound_is_found_by_bisection(gains, radius, ball):
     """Theory, section 9."""
     problem = cycle(10, gains)
-    lure = bound_lure(problem, holds=lambda each: is_proved(problem, each), method="interval")
+    lure = bound_lure(problem, holds=partial(is_proved, problem), method="interval")
     assert lure.radius == pytest.approx(radius, rel=1e-3)
     assert covered_radius(problem, lure) == pytest.approx(ball, rel=1e-3)
     assert not is_proved(problem, enlarged(problem, lure, "1.01"))
@@ -75,46 +69,43 @@ def test_corners_reach_at_least_as_far_as_multipliers_with_the_same_p():
     """With a given P_e the corners decide, multipliers are sufficient."""
     problem = cycle(5, ONE)
     lure = found(problem, shape="identity")
-    corners = bound_lure(problem, holds=lambda each: is_proved(problem, each), method="vertices")
+    corners = bound_lure(problem, holds=partial(is_proved, problem), method="vertices")
     full = found(problem)
-    same = bound_lure(problem, holds=lambda each: is_proved(problem, each), method="vertices", P_e=full.P_e)
+    same = bound_lure(problem, holds=partial(is_proved, problem), method="vertices", P_e=full.P_e)
     assert corners.radius >= lure.radius * Fraction(999, 1000)
     assert same.radius >= full.radius * Fraction(999, 1000)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_more_freedom_in_p_never_costs_radius(seed):
     problem = random_problem(seed, coupling="y + y**3/5")
     balls = []
     for shape in ("identity", "diagonal", "full"):
-        lure = design_lure(problem, holds=lambda each: is_proved(problem, each), shape=shape)
+        lure = design_lure(problem, holds=partial(is_proved, problem), shape=shape)
         balls.append(0.0 if lure is None else covered_radius(problem, lure))
     assert balls[2] >= 0.99 * balls[1] >= 0.98 * balls[0]
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_linear_couplings_are_certified_iff_the_loop_is_stable(seed):
     """Lyapunov's theorem, with eigenvalues as the truth from outside; the domain is all of space."""
     problem = random_problem(seed, coupling="y", pin=0.4)
     J = np.column_stack([field(problem, "G0", e) for e in np.eye(problem.n)])
     abscissa = float(np.max(np.linalg.eigvals(J).real))
     assert abs(abscissa) > 1e-6 or abscissa > -1e-12
-    lure = design_lure(problem, holds=lambda each: is_proved(problem, each))
+    lure = design_lure(problem, holds=partial(is_proved, problem))
     assert (lure is not None) is (abscissa < -1e-9)
     if lure is not None:
         assert lure.level is None
         assert covered_radius(problem, lure) == math.inf
-        faster = raise_rate(problem, lure, holds=lambda each: is_proved(problem, each))
+        faster = raise_rate(problem, lure, holds=partial(is_proved, problem))
         assert 0 < faster.rate <= -abscissa
 
 
-@pytest.mark.parametrize("k", ["1/10", 1, 3])
-@pytest.mark.parametrize("shape", ["identity", "full"])
+@pytest.mark.parametrize(("k", "shape"), [("1/10", "full"), (1, "identity"), (3, "full")])
 def test_two_agents_are_certified_up_to_their_other_equilibrium_and_never_beyond(k, shape):
     """h = y - y^3 both ways: z = e1 - e2 obeys z' = -(k + 2) z + 2 z^3, and z^2 = (k + 2)/2 stays where it is."""
-    problem = Problem(
-        network=Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2), coupling="y - y**3", gains=k
-    )
+    problem = linked([[1, 2], [2, 1]], coupling="y - y**3", gains=k)
     truth = math.sqrt((float(Fraction(str(k))) + 2) / 2)
     lure = found(problem, shape=shape)
     assert 0.75 * truth < lure.radius < truth
@@ -127,7 +118,7 @@ def test_an_asked_rate_is_kept_and_can_be_raised_to_its_edge():
     lure = found(problem, rate=Fraction(1, 50))
     assert lure.rate == Fraction(1, 50)
     assert covered_radius(problem, lure) < covered_radius(problem, found(problem))
-    faster = raise_rate(problem, lure, holds=lambda each: is_proved(problem, each))
+    faster = raise_rate(problem, lure, holds=partial(is_proved, problem))
     assert faster.rate >= lure.rate
     edge = Fraction(str(rate_estimate(problem, lure)))
     assert not is_proved(problem, replace(lure, rate=edge * Fraction(101, 100)))
@@ -137,48 +128,33 @@ def test_one_certificate_serves_every_mode():
     """Stand-in modes of theory, section 9: circulants, i listens to i + s, agents 1 and 6 pinned, k = 5."""
     steps = {"Ga": (1,), "Gb": (1, 9), "Gc": (1, 3), "Gd": (1, 2, 5)}
     arcs = {name: [[i, (i - 1 + s) % 10 + 1] for i in range(1, 11) for s in each] for name, each in steps.items()}
-    network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
-    problem = Problem(network=network, coupling="exp(y) - 1 + y", gains={1: 5, 6: 5})
+    problem, alone = (
+        linked(each, coupling="exp(y) - 1 + y", gains={1: 5, 6: 5}) for each in (arcs, {"Ga": arcs["Ga"]})
+    )
     lure = found(problem, shape="diagonal")
     assert set(lure.multipliers) == set(steps)
-    only = Network.from_arcs({"Ga": arcs["Ga"]}, arrow="listens_to", agents=10)
-    alone = Problem(network=only, coupling=problem.coupling, gains={1: 5, 6: 5})
     assert covered_radius(problem, lure) < 1.01 * covered_radius(alone, found(alone, shape="diagonal"))
     assert not is_proved(problem, enlarged(problem, lure, "1.5"))
 
 
 def test_matrix_gains_weights_exceptions_and_vectors_are_certified_together():
-    network = Network.from_arcs([[1, 2, "1/2"], [2, 3], [3, 1], [1, 3, 2]], arrow="listens_to", agents=3)
-    problem = Problem(
-        network=network,
-        coupling=["y1 + y2**2/4", "y2 - y1/2"],
-        exceptions={(2, 0): ["2*y1", "2*y2"]},
-        gains={1: [[3, 1], [-1, 3]], 3: 2},
-        target=[0, 0],
-    )
+    special, gains = {(2, 0): ["2*y1", "2*y2"]}, {1: [[3, 1], [-1, 3]], 3: 2}
+    arcs, h = [[1, 2, "1/2"], [2, 3], [3, 1], [1, 3, 2]], ["y1 + y2**2/4", "y2 - y1/2"]
+    problem = linked(arcs, coupling=h, exceptions=special, gains=gains)
     lure = found(problem)
     assert lure.radius > Fraction(1, 2)
     assert any(tau == 0 for tau in lure.multipliers["G"])
     assert not is_proved(problem, enlarged(problem, lure, "1.2"))
 
 
-def test_gains_that_stay_positive_for_every_radius_are_certified_as_far_as_asked():
+def test_radii_reach_as_far_as_asked_or_as_h_is_defined_and_nowhere_if_an_agent_is_not_held():
     """tanh, everybody pinned, undirected: 0 < g <= 1 everywhere."""
     arcs = [[1, 2], [2, 1], [2, 3], [3, 2]]
-    problem = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=3), coupling="tanh(y)", gains=2)
+    problem = linked(arcs, coupling="tanh(y)", gains=2)
     assert found(problem, largest=Fraction(50)).radius > 49
-
-
-def test_a_coupling_is_certified_inside_its_domain_only():
-    problem = cycle(3, ALL, coupling="log(1 + y)")
-    assert Fraction(9, 10) < found(problem).radius < 1
-
-
-def test_nothing_is_certified_where_an_agent_is_not_held():
-    problem = Problem(
-        network=Network.from_arcs([[1, 2]], arrow="listens_to", agents=3), coupling="tanh(y)", gains={2: 1}
-    )
-    assert design_lure(problem, holds=lambda each: is_proved(problem, each)) is None
+    assert Fraction(9, 10) < found(cycle(3, ALL, coupling="log(1 + y)")).radius < 1
+    problem = linked([[1, 2]], 3, coupling="tanh(y)", gains={2: 1})
+    assert design_lure(problem, holds=partial(is_proved, problem)) is None
 
 
 @pytest.mark.parametrize("s", [Fraction(0), Fraction(1, 2)])
@@ -191,34 +167,26 @@ def test_with_the_observer_starts_and_observer_errors_are_covered_together(s):
     assert not covers(problem, lure, radius=Fraction(str(R)) * Fraction(1001, 1000), disturbance=s)
 
 
-def test_observer_errors_that_are_too_large_are_never_covered():
-    """|eps_i| = 50 drives |e| to 15.6 from the ball of 2.89 (theory, section 4)."""
+def test_too_large_observer_errors_and_rates_faster_than_the_observer_are_not_certified():
+    """|eps_i| = 50 drives |e| to 15.6 from the ball of 2.89; A - WC has the real part -8/5 (theory, sections 4, 9)."""
     problem = cycle(10, ALL, exosystem=HARMONIC)
     options = {"W": PAPER_GAIN, "disturbance": Fraction(50)}
-    assert design_lure(problem, holds=lambda each: is_proved(problem, each), **options) is None
-
-
-def test_an_observer_that_is_slower_than_the_rate_asked_is_not_certified():
-    """The eigenvalues of A - WC have real part -8/5 (theory, section 9)."""
+    assert design_lure(problem, holds=partial(is_proved, problem), **options) is None
     problem = cycle(4, ALL, exosystem=HARMONIC)
     options = {"W": PAPER_GAIN, "shape": "identity", "holds": lambda each: is_proved(problem, each)}
     assert design_lure(problem, rate=Fraction(3, 2), **options) is not None
     assert design_lure(problem, rate=Fraction(17, 10), **options) is None
 
 
-@pytest.mark.parametrize(
-    ("gains", "options"),
-    [
-        (ALL, {"shape": "identity"}),
-        (ONE, {"shape": "full"}),
-        (ALL, {"W": PAPER_GAIN, "disturbance": Fraction(1, 10)}),
-    ],
-)
+SEEN = {"W": PAPER_GAIN, "disturbance": Fraction(1, 10)}
+
+
+@pytest.mark.parametrize(("gains", "options"), [(ALL, {"shape": "identity"}), (ONE, {"shape": "full"}), (ALL, SEEN)])
 def test_no_start_on_the_boundary_leaves_and_v_decays_at_the_rate(gains, options):
     """50 random starts with V = level; SciPy integrates the equations of (22)."""
     problem = cycle(6, gains, exosystem=HARMONIC if "W" in options else None)
     lure = found(problem, **options, rate=Fraction(1, 100))
-    lure = raise_rate(problem, lure, holds=lambda each: is_proved(problem, each))
+    lure = raise_rate(problem, lure, holds=partial(is_proved, problem))
     times = np.linspace(0, 4, 30)
     V = values_along(problem, lure, lure.level, times)
     assert np.allclose(V[:, 0], float(lure.level))
@@ -226,13 +194,10 @@ def test_no_start_on_the_boundary_leaves_and_v_decays_at_the_rate(gains, options
     assert np.max(V / bound) <= 1 + 1e-6
 
 
-def test_a_gain_without_an_exosystem_is_refused():
-    with pytest.raises(SpecError, match="W has no meaning without"):
-        design_lure(cycle(3, 1), holds=lambda each: True, W=PAPER_GAIN)
-
-
-def test_what_holds_does_not_accept_is_not_returned():
+def test_a_gain_without_an_exosystem_is_refused_and_what_holds_does_not_accept_not_returned():
     problem = cycle(3, ALL)
+    with pytest.raises(SpecError, match="W has no meaning without"):
+        design_lure(problem, holds=lambda each: True, W=PAPER_GAIN)
     assert design_lure(problem, holds=lambda each: False) is None
     assert bound_lure(problem, holds=lambda each: False, method="interval", P_e=identity(3)) is None
 
@@ -253,13 +218,7 @@ def test_linear_couplings_with_irrational_slopes_have_multipliers(text):
     lure = found(problem)
     assert lure.level is None
     assert all(tau > 0 for tau in lure.multipliers["G"])
-    assert is_proved(cycle(3, 3, coupling="3*y"), found(cycle(3, 3, coupling="3*y")))
-
-
-def test_a_list_with_an_irrational_linear_part_is_certified():
-    network = cycle(3, 3).network
-    problem = Problem(network=network, coupling=["pi*y1 + y2", "tanh(y2)"], gains=3, target=[0, 0])
-    assert is_proved(problem, found(problem, largest=Fraction(5)))
+    found(cycle(3, 3, coupling=["pi*y1 + y2", "tanh(y2)"]), largest=Fraction(5))
 
 
 @pytest.mark.parametrize(("coupling", "slope"), [("2*y", 2.0), ("exp(y) - 1 + y", 2.0), ("sin(y)", 1.0)])

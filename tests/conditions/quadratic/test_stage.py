@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from fractions import Fraction
 from typing import Any
 
 import pytest
+from linked import linked
 from lure_cases import HARMONIC, PAPER, PAPER_GAIN
 
 import dobc_design as dd
@@ -18,7 +18,6 @@ from dobc_design.conditions.quadratic.propose import roomy_gains
 from dobc_design.conditions.quadratic.sectors import gains_on
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region
 from dobc_design.verdict import Verdict
@@ -27,21 +26,13 @@ from dobc_design.verdict import Verdict
 def ring(n: int, gains: Any, *, side: str | None = "1", coupling: Any = PAPER, s: str | None = None) -> Problem:
     """Agent i listens to agent i + 1; every |e_i| <= side; with ``s`` also the paper's observer."""
     arcs = [[i, i % n + 1] for i in range(1, n + 1)]
-    m = len(coupling) if isinstance(coupling, list) else 1
-    region = None
+    given: dict[str, Any] = {"coupling": coupling, "gains": gains}
     if side is not None:
-        region = Region(
-            initial_states=((-Fraction(side), Fraction(side)),) * m,
-            initial_disturbance=None if s is None else Fraction(s),
-        )
-    return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
-        coupling=coupling,
-        gains=gains,
-        target=[0] * m,
-        region=region,
-        **({} if s is None else {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}),
-    )
+        states = ((-Fraction(side), Fraction(side)),) * (len(coupling) if isinstance(coupling, list) else 1)
+        given["region"] = Region(initial_states=states, initial_disturbance=None if s is None else Fraction(s))
+    if s is not None:
+        given |= {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN)}
+    return linked(arcs, n, **given)
 
 
 def asked(problem: Problem, *, everything: bool = False) -> Asked:
@@ -85,12 +76,8 @@ def test_on_request_every_method_is_tried():
     check, said = stage(ring(7, 3, side="1/2"), everything=True)
     assert len(said) == 4
     methods = check.reason.partition("By method: ")[2]
-    assert [part.partition(":")[0] for part in methods.split(", ")] == [
-        "P_e = I",
-        "a diagonal P_e",
-        "a full P_e",
-        "interval bounds",
-    ]
+    named = ["P_e = I", "a diagonal P_e", "a full P_e", "interval bounds"]
+    assert [part.partition(":")[0] for part in methods.split(", ")] == named
     assert float(methods.rpartition("interval bounds: ")[2].rstrip(".")) == pytest.approx(1.4865, rel=1e-3)
 
 
@@ -121,36 +108,23 @@ def test_linear_couplings_are_certified_everywhere_with_a_rate():
 
 def test_a_coupling_that_no_arc_has_still_gives_a_ball_which_both_programs_accept():
     """e' = -k e: every level will do, and claims about all of space are for couplings that are linear as written."""
-    problem = Problem(
-        network=Network.from_arcs([], arrow="listens_to", agents=1),
-        coupling="tanh(y)",
-        gains=1,
-        target=-3,
-        region=Region(initial_states=((Fraction(-4), Fraction(0)),), initial_disturbance=None),
-    )
+    problem = linked([], 1, coupling="tanh(y)", gains=1, target=-3, region={"initial_states": [-4, 0]})
     certificate = dd.certify(problem, everything=True)
     (check,) = [check for check in certificate.checks if check.id == "lure"]
     assert check.verdict is Verdict.PROVED
-    assert isinstance(check.domain, Mapping)
     assert check.domain["radius"] >= 3
     assert dd.verify(certificate, problem).holds
 
 
-def test_nothing_is_found_where_the_linearisation_does_not_decay():
+def test_where_nothing_is_found_where_it_is_left_out_and_where_it_does_not_apply():
     check, _ = stage(ring(3, {1: 1}, coupling="-y + y**3"))
     assert check.verdict is Verdict.UNDECIDED
     assert check.reason == "no quadratic V is found, not even close to the target."
-
-
-def test_large_networks_are_left_out_at_once():
     check, said = stage(ring(61, 3))
     assert said == []
     assert "left out, because it takes long with 61 rows n m; it is examined up to 60." in check.reason
-
-
-def test_without_an_observer_gain_it_does_not_apply():
-    problem = ring(3, 3, s="1")
-    (check,) = quadratic_stage(read_region(problem, None, domain="consensus", everything=False), lambda _: None)
+    asked_for = read_region(ring(3, 3, s="1"), None, domain="consensus", everything=False)
+    (check,) = quadratic_stage(asked_for, lambda _: None)
     assert check.reason.startswith("does not apply:")
 
 
@@ -170,11 +144,8 @@ def test_gains_are_claimed_with_room_on_both_sides(text):
     assert wide.lo < tight.lo
     assert tight.hi < wide.hi
     assert wide.width < tight.width + Fraction(1, 10_000) * (1 + tight.magnitude)
-
-
-def test_gains_of_linear_couplings_stay_exact():
-    coupling = ring(2, 1, coupling="3*y/7").couplings[0]
-    assert roomy_gains(coupling, Fraction(1)) == gains_on(coupling, Fraction(1))
+    linear = ring(2, 1, coupling="3*y/7").couplings[0]
+    assert roomy_gains(linear, Fraction(1)) == gains_on(linear, Fraction(1))
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from small_designs import ring, star
 
 import dobc_design as dd
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, state_theorems
-from dobc_design.conditions.consensus.negative import Enclosed
+from dobc_design.conditions.consensus.network import Enclosed
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, optimum, smallest_gains
 from dobc_design.errors import SpecError
 from dobc_design.problem.network import Network
@@ -179,7 +179,7 @@ def test_a_cap_that_binds_is_met_and_has_its_price():
     caps = np.full(6, 0.8 * np.max(free.gains))
     held = optimum(table, np.ones(6, dtype=bool), np.ones(6), caps)
     at = np.flatnonzero(np.isclose(held.gains, caps))
-    assert len(at) and np.all(held.v[at] >= 1)
+    assert len(at) and np.all(held.duals[0][at] >= 1)
     design = dd.design_pinning(problem, rate="3/10", max_gain=Fraction(float(caps[0])), digits=9)
     assert any(sentence.startswith("Cap of agent") for sentence in design.prices)
 

@@ -1,11 +1,7 @@
 """The search for starts that contradict: at random, at corners and edges, uphill, and by Newton's method.
 
-Two questions.  Without a certificate: does every start asked for converge?  With one: does V of the certified set decay
-as certified from its whole boundary?  What is found is a suspect; only a proved equilibrium refutes, and only a region.
-
-The ascent makes larger whatever is large after some time, by the derivatives of CasADi's RK4 (``model.build_flow``);
-where it ends is simulated again by others.  Roots of h(e) - K e: Levenberg and Marquardt's damping around Newton's
-method, from given points.
+Without a certificate: does every start asked for converge?  With one: does V of the certified set decay as certified
+from its whole boundary?  What is found is a suspect; only a proved equilibrium refutes, and only a region.
 """
 
 from __future__ import annotations
@@ -340,8 +336,17 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
     lengths = np.concatenate([part.ravel() for part in starts.reach])
     shape = start[1].shape
     best = np.concatenate([start[0], start[1].ravel()])
-    value, weight = _evaluated(flow, best, objective)
-    gradient, step = _gradient(flow, best, weight), FIRST_STEP
+
+    def evaluated(at: Array) -> tuple[float, Array]:
+        end = flow.end(at)
+        return objective(end) if np.isfinite(end).all() else (-np.inf, np.zeros_like(at))
+
+    def gradient_of(at: Array, weight: Array) -> Array:
+        found = flow.pull(at, weight)[1]
+        return found if np.isfinite(found).all() else np.zeros_like(at)  # 0 ends the ascent
+
+    value, weight = evaluated(best)
+    gradient, step = gradient_of(best, weight), FIRST_STEP
     for _ in range(EVALUATIONS):
         scaled = gradient * lengths
         largest = float(np.max(np.abs(scaled), initial=0.0))
@@ -350,24 +355,12 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
         moved = best + step * lengths * scaled / largest
         e, eps = starts.project(moved[: flow.rows, None], moved[flow.rows :].reshape(shape)[:, :, None])
         moved = np.concatenate([e[:, 0], eps[:, :, 0].ravel()])
-        found, weight = _evaluated(flow, moved, objective)
+        found, weight = evaluated(moved)
         if found > value:
-            best, value, gradient, step = moved, found, _gradient(flow, moved, weight), step * GROWTH
+            best, value, gradient, step = moved, found, gradient_of(moved, weight), step * GROWTH
         else:
             step *= SHRINKAGE
     return best[: flow.rows], best[flow.rows :].reshape(shape)
-
-
-def _evaluated(flow: Flow, start: Array, objective: Objective) -> tuple[float, Array]:
-    """The objective at the end of the flow and its gradient there; -inf where the flow is not finite."""
-    end = flow.end(start)
-    return objective(end) if np.isfinite(end).all() else (-np.inf, np.zeros_like(start))
-
-
-def _gradient(flow: Flow, start: Array, weight: Array) -> Array:
-    """The gradient by the start; 0 where it is not finite, which ends the ascent."""
-    gradient = flow.pull(start, weight)[1]
-    return gradient if np.isfinite(gradient).all() else np.zeros_like(start)
 
 
 Vectors = Callable[[Array], Array]
@@ -385,12 +378,7 @@ MOST_DAMPING = 1e8
 
 
 def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:
-    """Look for a second equilibrium in the region asked for, in every mode; the check that refutes, or None.
-
-    None also without a region, for linear couplings and above 60 rows n m; it never says that there is none.
-    Of those proved the one nearest to the target is taken.  The same seed gives the same answer.  A numerical library
-    that breaks down costs the answer, never more.
-    """
+    """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
     size = problem.n * problem.m
     if problem.region is None or problem.is_linear or size > LARGEST:
         return None

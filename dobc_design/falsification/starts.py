@@ -126,11 +126,7 @@ def observer_norms(P: Array | None, eps: Array) -> Array:
 
 
 def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) -> Level:
-    """The set of a certificate; one that holds everywhere is looked at up to N = 1, or V = 1.
-
-    ``certified``: a claim, or a proved check of a region, which is about the gain ``W`` (q, m).
-    Raises: SpecError for one that does not fit the problem.
-    """
+    """The set of a claim, or of a proved check about ``W``; up to V = 1 if it holds everywhere.  Raises: SpecError."""
     cure = "Give the certificate of this very problem."
     if isinstance(certified, Check):
         certified = _claim_of(problem, certified, W)
@@ -327,11 +323,7 @@ class Signals:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Runs:
-    """What became of R starts: e (n m, R), eps (n, q, R), signals.
-
-    times (T,) in s; error (T, R), |e|_inf, nan after an early end; values (T, R), V of a certified set, or nan;
-    ends (n m, R); states (R,) as in ``simulation.columns``.
-    """
+    """What became of R starts: error and values (T, R) are |e|_inf and V, or nan; states (R,) as in ``columns``."""
 
     times: Array
     error: Array

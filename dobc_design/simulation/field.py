@@ -1,12 +1,8 @@
 """The right-hand sides of the closed loop in NumPy: the full loop as printed, its errors alone, and h(e) of (9).
 
-``Field`` is the loop (1), (12), (13), (19) with the flat state [x; xi; z], each stacked agent by agent.  It is the same
-loop as ``model.model``'s ``closed_loop``, written a second time on purpose: tests hold the two together.
-``Network`` gives e' of (22) when the observer's error is known in closed form: only e is left to be integrated.
-
-h(e) is fast enough for a million agents and for thousands of runs: arcs are sorted by listener and worked through in
-blocks that fit into the processor's cache, slot by slot: the first arcs of all agents, then the second ones.  A run of
-a stack is one more column.  Couplings are turned once into a list of NumPy calls.
+``Field`` is the same loop as ``model.model``'s ``closed_loop``, written a second time on purpose: tests hold the two
+together.  h(e) is fast enough for a million agents and for thousands of runs, which are columns of the same arrays:
+arcs are worked through in blocks that fit into the processor's cache, slot by slot.
 """
 
 from __future__ import annotations

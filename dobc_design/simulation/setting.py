@@ -187,11 +187,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Starts:
-    """Draws starts by seed.  Arrays that are not None are the same for every seed.
-
-    x: uniform in [low, high] by component, (n, m).  xi: where it is not given, uniform in the ball of ``radius``.
-    ``own``: which states of the exosystems of all groups are an agent's own, where agents have different ones.
-    """
+    """Draws starts: x in [low, high], xi in a ball within an agent's ``own`` states, unless they are given."""
 
     low: Array
     high: Array
@@ -231,7 +227,7 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     parts = {name: value for name, value in _parts(given).items() if value is not None}
     sizes = {"x": (m, "component"), "xi": (q, "exosystem state"), "xihat": (q, "exosystem state")}
     rows = {name: _rows(value, f"start.{name}", n, *sizes[name]) for name, value in parts.items()}
-    for name in rows.keys() & {"xi", "xihat"}:
+    for name in [name for name in ("xi", "xihat") if name in rows]:
         _refuse_foreign(loop, name, rows[name])
     x, xi, xihat, radius = rows.get("x"), rows.get("xi"), rows.get("xihat", np.zeros((n, q))), 0.0
     if x is None and x0 is not None:

@@ -34,11 +34,7 @@ MOST_CHANGES = 100_000  # switches of one run whose graphs follow from its state
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Switches:
-    """Mode ``names[modes[s]]`` is active from ``times[s]`` (included) to the next instant (excluded).
-
-    Shapes: times (S,) in s, increasing from 0; modes (S,), no two neighbours alike.  ``graphs`` is empty
-    where the modes are the problem's own; with moving agents it holds, by mode, listeners and speakers (2, arcs).
-    """
+    """Mode ``names[modes[s]]`` is active from ``times[s]`` s on; ``graphs``, by mode (2, arcs), where agents move."""
 
     times: Array
     modes: IndexArray
@@ -238,10 +234,8 @@ class Nearby:
     def __init__(self, signal: Mobile, problem: Problem, horizon: float) -> None:
         self.signal, self.problem, self.horizon = signal, problem, horizon
         self.now: IndexArray | None = None
-        self.times: list[float] = []
-        self.modes: list[int] = []
-        self.codes: list[IndexArray] = []
-        self.numbers: dict[bytes, int] = {}
+        self.times, self.modes = list[float](), list[int]()
+        self.codes, self.numbers = list[IndexArray](), dict[bytes, int]()
 
     def look(self, time: float, positions: Array) -> int:
         """The number of the graph at positions (n, k), active from ``time`` on.  Raises: SpecError on chattering."""

@@ -137,8 +137,12 @@ class _Search:
         rng = np.random.default_rng(self.seed)
         uphill = min(MOST_ASCENTS, count // 5) if self.problem.n * self.problem.m <= LARGEST else 0
         self.say("simulating random starts, corners and edges")
-        e, eps = self.draw(rng, count - uphill)
-        signals = sets.drawn_signals(rng, count - uphill, len(self.arena.modes), self.horizon)
+        count -= uphill
+        counts = {kind: int(share * count) for kind, share in SHARES.items()}
+        counts[RANDOM] = count - sum(counts.values())
+        parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
+        e, eps = np.concatenate([e for e, _ in parts], axis=1), np.concatenate([eps for _, eps in parts], axis=2)
+        signals = sets.drawn_signals(rng, count, len(self.arena.modes), self.horizon)
         done = [first := self.simulate(e, eps, signals)]
         if uphill:
             self.say("climbing from the worst starts")
@@ -150,12 +154,6 @@ class _Search:
         proved = self.equilibria(done, rng)
         suspects = [*map(self.resting, proved), *suspects, *away]
         return self.result(done, suspects[:MOST_SUSPECTS], proved)
-
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
-        counts = {kind: int(share * count) for kind, share in SHARES.items()}
-        counts[RANDOM] = count - sum(counts.values())
-        parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
-        return np.concatenate([e for e, _ in parts], axis=1), np.concatenate([eps for _, eps in parts], axis=2)
 
     def simulate(self, e: Array, eps: Array, signals: Signals, *, longer: float = 1.0) -> Runs:
         horizon = longer * self.horizon
@@ -209,7 +207,7 @@ class _Search:
             chosen = worst[runs.stalled[worst]][:MOST_AGAIN]
             if not len(chosen):
                 continue
-            signals = runs.signals.chosen(chosen)
+            signals = Signals(times=runs.signals.times[chosen], modes=runs.signals.modes[chosen])
             longer = self.simulate(runs.e[:, chosen], runs.eps[:, :, chosen], signals, longer=LONGER)
             ends: list[Array] = []
             for run in np.flatnonzero(longer.stalled).tolist():
@@ -280,7 +278,7 @@ class _Search:
         return Falsification(
             name=self.problem.name,
             target=self.starts.words,
-            tried=sum(map(len, done)),
+            tried=sum(runs.e.shape[1] for runs in done),
             unfinished=unfinished,
             suspects=tuple(suspects),
             proved=tuple(proved),

@@ -1,8 +1,7 @@
-"""Certified sets and other sets of starts, how they are searched, and many starts run side by side.
+"""Certified sets and other sets of starts, how they are searched, and many starts run side by side, in floats.
 
-Starts are e (n m, R) and eps (n, q, R), one column for each of R runs.  These are floats, to search with: whether a
-certificate holds is decided in ``verify``.  Both kinds of V are positive homogeneous of degree 1 in (e, eps), so that
-every start but 0 is brought to the boundary of a certified set by a factor.
+Starts are e (n m, R) and eps (n, q, R), a column for each run.  Every V is positive homogeneous of degree 1 in them,
+so that a factor brings every start but 0 to the boundary of a certified set.
 """
 
 from __future__ import annotations
@@ -317,9 +316,6 @@ class Signals:
         pairs = zip(self.times[run].tolist(), self.modes[run].tolist(), strict=True)
         return tuple((time, names[mode]) for time, mode in pairs if time != np.inf)
 
-    def chosen(self, runs: IndexArray) -> Signals:
-        return Signals(times=self.times[runs], modes=self.modes[runs])
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Runs:
@@ -333,9 +329,6 @@ class Runs:
     e: Array
     eps: Array
     signals: Signals
-
-    def __len__(self) -> int:
-        return int(self.e.shape[1])
 
     @property
     def unfinished(self) -> BoolArray:

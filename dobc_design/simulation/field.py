@@ -42,10 +42,9 @@ _VARIABLE, _CONSTANT = -1, 0  # in place of a number of operands
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """Some arcs of one coupling.  Agents ``rows`` listen; ``speakers`` (arcs,) slot by slot.
+    """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common weight, or (arcs,).
 
-    ``slots`` holds begin and end of every slot; the i-th arc of a slot ends at the i-th of ``rows``.  ``factor``
-    is the common weight, or one for every arc, (arcs,).  Without slots, where agents have very many arcs,
+    ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of ``rows``.  Without slots, for hubs,
     ``counts[i]`` arcs end at the i-th of ``rows``, and the matrix ``factor`` adds them.
     """
 
@@ -284,11 +283,9 @@ MOST_NUMBERS = 1 << 24  # of the table
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
-    """What does not depend on the mode, as floats.
+    """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in ``problem.arrays.Disturbance``.
 
-    Shapes: A (q, q), C (m, q), F = A - W C (q, q), W (q, m), K (n m, n m) sparse, goal (n, m); q = 0 without an
-    exosystem.  Where agents have different exosystems, A, C, F, W (n, q, m) and ``own`` (n, q) are those of
-    ``problem.arrays.Disturbance``: q counts the states of all groups.
+    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0.
     """
 
     n: int

@@ -273,7 +273,7 @@ def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progr
         x = run.states.reshape(-1, loop.n, loop.m) + loop.goal
         xi = evolve(loop.A, start.xi, run.times)
         off = setting.observer == "off"
-        xihat = np.zeros_like(xi) if off else xi - evolve(settings.error_matrix(setting), eps0, run.times)
+        xihat = np.zeros_like(xi) if off else xi - evolve(loop.F, eps0, run.times)
     if run.method.startswith("Radau"):
         run.notes.append("The loop is stiff: integrated by the implicit method Radau.")
     if full and not asked:

@@ -288,10 +288,8 @@ class Loops:
     def gap(self, y: Array, times: Array, chosen: IndexArray) -> Array:
         """d - dhat of the chosen runs at these times, (n, m, k)."""
         x, xi, z = self.split(y)
-        d = act(self.loop.C, xi) + self.crew.extra(times, chosen)
-        if not self.crew.heeds:
-            return np.asarray(d)
-        return np.asarray(d - act(self.loop.C, self.known(x, z, self.noise[..., chosen])[1]))
+        d, xihat = act(self.loop.C, xi) + self.crew.extra(times, chosen), self.known(x, z, self.noise[..., chosen])[1]
+        return np.asarray(d - act(self.loop.C, xihat)) if self.crew.heeds else d
 
 
 def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> Ends:

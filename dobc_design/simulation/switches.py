@@ -1,8 +1,7 @@
 """When which mode is active on one horizon: drawn from a signal and a seed, or followed from positions.
 
-Graphs that follow from positions: everyone within a radius, or the k nearest, with hysteresis.  Positions are the
-states themselves, formation offsets included, or a given motion.  A link that is made at one distance is broken at a
-larger one, so that an agent at the edge does not make the graph chatter.  Arcs have weight 1.
+A link that is made at one distance is broken at a larger one, so that an agent at the edge does not make the graph
+chatter.  Arcs of such graphs have weight 1.
 """
 
 from __future__ import annotations
@@ -274,7 +273,6 @@ class Nearby:
 
     @property
     def switches(self) -> Switches:
-        """Those that the run has come to."""
         return Switches(
             times=np.array(self.times),
             modes=np.array(self.modes, dtype=np.int64),

@@ -171,10 +171,7 @@ MAX_DENSE = 2000  # rows of the largest matrix whose eigenvalues are computed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeSpectrum:
-    """Eigenvalues at the consensus of one mode, in 1/s: of Lambda(J(0)), ascending, and of J(0) - K, slowest first.
-
-    None for both beyond 2000 rows, and where a coupling has a kink at 0.
-    """
+    """Eigenvalues at the consensus in 1/s: of Lambda(J(0)), ascending, and of J(0) - K, slowest first; or None."""
 
     mode: str
     lambda_eigenvalues: tuple[float, ...] | None

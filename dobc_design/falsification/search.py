@@ -1,11 +1,7 @@
 """The search for starts that contradict: at random, at corners and edges, uphill, and by Newton's method.
 
-Two questions.  Without a certificate: does every start asked for converge?  With one: does V of the certified set decay
-as certified from its whole boundary?  What is found is a suspect; only a proved equilibrium refutes, and only a region.
-
-The ascent makes larger whatever is large after some time, by the derivatives of CasADi's RK4 (``model.build_flow``);
-where it ends is simulated again by others.  Roots of h(e) - K e: Levenberg and Marquardt's damping around Newton's
-method, from given points.
+Without a certificate: does every start asked for converge?  With one: does V of the certified set decay as certified
+from its whole boundary?  What is found is a suspect; only a proved equilibrium refutes, and only a region.
 """
 
 from __future__ import annotations
@@ -141,8 +137,12 @@ class _Search:
         rng = np.random.default_rng(self.seed)
         uphill = min(MOST_ASCENTS, count // 5) if self.problem.n * self.problem.m <= LARGEST else 0
         self.say("simulating random starts, corners and edges")
-        e, eps = self.draw(rng, count - uphill)
-        signals = sets.drawn_signals(rng, count - uphill, len(self.arena.modes), self.horizon)
+        count -= uphill
+        counts = {kind: int(share * count) for kind, share in SHARES.items()}
+        counts[RANDOM] = count - sum(counts.values())
+        parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
+        e, eps = np.concatenate([e for e, _ in parts], axis=1), np.concatenate([eps for _, eps in parts], axis=2)
+        signals = sets.drawn_signals(rng, count, len(self.arena.modes), self.horizon)
         done = [first := self.simulate(e, eps, signals)]
         if uphill:
             self.say("climbing from the worst starts")
@@ -154,12 +154,6 @@ class _Search:
         proved = self.equilibria(done, rng)
         suspects = [*map(self.resting, proved), *suspects, *away]
         return self.result(done, suspects[:MOST_SUSPECTS], proved)
-
-    def draw(self, rng: np.random.Generator, count: int) -> tuple[Array, Array]:
-        counts = {kind: int(share * count) for kind, share in SHARES.items()}
-        counts[RANDOM] = count - sum(counts.values())
-        parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
-        return np.concatenate([e for e, _ in parts], axis=1), np.concatenate([eps for _, eps in parts], axis=2)
 
     def simulate(self, e: Array, eps: Array, signals: Signals, *, longer: float = 1.0) -> Runs:
         horizon = longer * self.horizon
@@ -213,7 +207,7 @@ class _Search:
             chosen = worst[runs.stalled[worst]][:MOST_AGAIN]
             if not len(chosen):
                 continue
-            signals = runs.signals.chosen(chosen)
+            signals = Signals(times=runs.signals.times[chosen], modes=runs.signals.modes[chosen])
             longer = self.simulate(runs.e[:, chosen], runs.eps[:, :, chosen], signals, longer=LONGER)
             ends: list[Array] = []
             for run in np.flatnonzero(longer.stalled).tolist():
@@ -284,7 +278,7 @@ class _Search:
         return Falsification(
             name=self.problem.name,
             target=self.starts.words,
-            tried=sum(map(len, done)),
+            tried=sum(runs.e.shape[1] for runs in done),
             unfinished=unfinished,
             suspects=tuple(suspects),
             proved=tuple(proved),
@@ -340,8 +334,17 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
     lengths = np.concatenate([part.ravel() for part in starts.reach])
     shape = start[1].shape
     best = np.concatenate([start[0], start[1].ravel()])
-    value, weight = _evaluated(flow, best, objective)
-    gradient, step = _gradient(flow, best, weight), FIRST_STEP
+
+    def evaluated(at: Array) -> tuple[float, Array]:
+        end = flow.end(at)
+        return objective(end) if np.isfinite(end).all() else (-np.inf, np.zeros_like(at))
+
+    def gradient_of(at: Array, weight: Array) -> Array:
+        found = flow.pull(at, weight)[1]
+        return found if np.isfinite(found).all() else np.zeros_like(at)  # 0 ends the ascent
+
+    value, weight = evaluated(best)
+    gradient, step = gradient_of(best, weight), FIRST_STEP
     for _ in range(EVALUATIONS):
         scaled = gradient * lengths
         largest = float(np.max(np.abs(scaled), initial=0.0))
@@ -350,24 +353,12 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
         moved = best + step * lengths * scaled / largest
         e, eps = starts.project(moved[: flow.rows, None], moved[flow.rows :].reshape(shape)[:, :, None])
         moved = np.concatenate([e[:, 0], eps[:, :, 0].ravel()])
-        found, weight = _evaluated(flow, moved, objective)
+        found, weight = evaluated(moved)
         if found > value:
-            best, value, gradient, step = moved, found, _gradient(flow, moved, weight), step * GROWTH
+            best, value, gradient, step = moved, found, gradient_of(moved, weight), step * GROWTH
         else:
             step *= SHRINKAGE
     return best[: flow.rows], best[flow.rows :].reshape(shape)
-
-
-def _evaluated(flow: Flow, start: Array, objective: Objective) -> tuple[float, Array]:
-    """The objective at the end of the flow and its gradient there; -inf where the flow is not finite."""
-    end = flow.end(start)
-    return objective(end) if np.isfinite(end).all() else (-np.inf, np.zeros_like(start))
-
-
-def _gradient(flow: Flow, start: Array, weight: Array) -> Array:
-    """The gradient by the start; 0 where it is not finite, which ends the ascent."""
-    gradient = flow.pull(start, weight)[1]
-    return gradient if np.isfinite(gradient).all() else np.zeros_like(start)
 
 
 Vectors = Callable[[Array], Array]
@@ -385,12 +376,7 @@ MOST_DAMPING = 1e8
 
 
 def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:
-    """Look for a second equilibrium in the region asked for, in every mode; the check that refutes, or None.
-
-    None also without a region, for linear couplings and above 60 rows n m; it never says that there is none.
-    Of those proved the one nearest to the target is taken.  The same seed gives the same answer.  A numerical library
-    that breaks down costs the answer, never more.
-    """
+    """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
     size = problem.n * problem.m
     if problem.region is None or problem.is_linear or size > LARGEST:
         return None

@@ -1,8 +1,7 @@
-"""Certified sets and other sets of starts, how they are searched, and many starts run side by side.
+"""Certified sets and other sets of starts, how they are searched, and many starts run side by side, in floats.
 
-Starts are e (n m, R) and eps (n, q, R), one column for each of R runs.  These are floats, to search with: whether a
-certificate holds is decided in ``verify``.  Both kinds of V are positive homogeneous of degree 1 in (e, eps), so that
-every start but 0 is brought to the boundary of a certified set by a factor.
+Starts are e (n m, R) and eps (n, q, R), a column for each run.  Every V is positive homogeneous of degree 1 in them,
+so that a factor brings every start but 0 to the boundary of a certified set.
 """
 
 from __future__ import annotations
@@ -126,11 +125,7 @@ def observer_norms(P: Array | None, eps: Array) -> Array:
 
 
 def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) -> Level:
-    """The set of a certificate; one that holds everywhere is looked at up to N = 1, or V = 1.
-
-    ``certified``: a claim, or a proved check of a region, which is about the gain ``W`` (q, m).
-    Raises: SpecError for one that does not fit the problem.
-    """
+    """The set of a claim, or of a proved check about ``W``; up to V = 1 if it holds everywhere.  Raises: SpecError."""
     cure = "Give the certificate of this very problem."
     if isinstance(certified, Check):
         certified = _claim_of(problem, certified, W)
@@ -321,17 +316,10 @@ class Signals:
         pairs = zip(self.times[run].tolist(), self.modes[run].tolist(), strict=True)
         return tuple((time, names[mode]) for time, mode in pairs if time != np.inf)
 
-    def chosen(self, runs: IndexArray) -> Signals:
-        return Signals(times=self.times[runs], modes=self.modes[runs])
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Runs:
-    """What became of R starts: e (n m, R), eps (n, q, R), signals.
-
-    times (T,) in s; error (T, R), |e|_inf, nan after an early end; values (T, R), V of a certified set, or nan;
-    ends (n m, R); states (R,) as in ``simulation.columns``.
-    """
+    """What became of R starts: error and values (T, R) are |e|_inf and V, or nan; states (R,) as in ``columns``."""
 
     times: Array
     error: Array
@@ -341,9 +329,6 @@ class Runs:
     e: Array
     eps: Array
     signals: Signals
-
-    def __len__(self) -> int:
-        return int(self.e.shape[1])
 
     @property
     def unfinished(self) -> BoolArray:

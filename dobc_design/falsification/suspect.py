@@ -63,10 +63,8 @@ class Suspect(Shown):
     def __str__(self) -> str:
         proved = " (proved)" if self.equilibrium is not None else ""
         names = ", ".join(self.labels[:6]) + (", ..." if len(self.labels) > 6 else "")
-        return (
-            f"{self.kind}{proved}: |e|_inf from {self.error[0]:.4g} to {self.final_error:.4g} after"
-            f" {self.times[-1]:.4g} s, farthest: {names}"
-        )
+        errors = f"|e|_inf from {self.error[0]:.4g} to {self.final_error:.4g} after {self.times[-1]:.4g} s"
+        return f"{self.kind}{proved}: {errors}, farthest: {names}"
 
     def __repr__(self) -> str:
         return f"<Suspect: {self}>"

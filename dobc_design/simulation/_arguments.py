@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,7 @@ def positive(value: Any, name: str, *, what: str = "a number > 0", example: str 
     return number
 
 
-def seconds(value: Any, name: str, *, example: str = "0.5") -> float:
-    """Return a time > 0 in s.  Raises: SpecError."""
-    return positive(value, name, what="a time > 0 in s", example=example)
+seconds = partial(positive, what="a time > 0 in s")
 
 
 def not_negative(value: Any, name: str) -> float:

@@ -184,11 +184,9 @@ def what_breaks_first(
 
     calm = run_once(setting)
     if not _late(calm, Stress()) <= tolerance:
-        raise SpecError(
-            f"the loop must converge before anything can break it; without stress it does not in {calm.t_final:g} s.",
-            key="t_final",
-            cure="Choose a longer horizon, or see what `dobc certify` says.",
-        )
+        message = "the loop must converge before anything can break it; without stress it does not in"
+        cure = "Choose a longer horizon, or see what `dobc certify` says."
+        raise SpecError(f"{message} {calm.t_final:g} s.", key="t_final", cure=cure)
     sweeps, limit = [], None
     for number, option in enumerate(options):
         report(number / len(options))

@@ -32,19 +32,16 @@ RUNNING, DONE, ESCAPED, COLLAPSED, HANDED_BACK = range(5)
 
 
 class Columns(Protocol):
-    """What runs side by side obey; a run is named by its place."""
+    """What runs side by side, named by their places, obey.
 
-    def part(self, mode: int, runs: IndexArray) -> RightHandSide:
-        """The derivative of runs in one mode, as a function of e (N, k) and of what ``forces`` gives, (F, k)."""
+    ``part``: the derivative in a mode, of e (N, k) and forces (F, k).  ``forces``: at times (S, k), a column for each
+    run, (S, F, k).  ``size``: |e|_inf of states (N, k), (k,).  ``switched``: runs are in new modes.
+    """
 
-    def forces(self, times: Array, runs: IndexArray) -> Array:
-        """What acts on the runs at times (S, k), a column each: (S, F, k)."""
-
-    def size(self, y: Array) -> Array:
-        """|e|_inf of states (N, k), (k,)."""
-
-    def switched(self, runs: IndexArray, modes: IndexArray) -> None:
-        """These runs have come to a switch, and into these modes."""
+    def part(self, mode: int, runs: IndexArray) -> RightHandSide: ...
+    def forces(self, times: Array, runs: IndexArray) -> Array: ...
+    def size(self, y: Array) -> Array: ...
+    def switched(self, runs: IndexArray, modes: IndexArray) -> None: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

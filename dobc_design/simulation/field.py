@@ -1,12 +1,8 @@
 """The right-hand sides of the closed loop in NumPy: the full loop as printed, its errors alone, and h(e) of (9).
 
-``Field`` is the loop (1), (12), (13), (19) with the flat state [x; xi; z], each stacked agent by agent.  It is the same
-loop as ``model.model``'s ``closed_loop``, written a second time on purpose: tests hold the two together.
-``Network`` gives e' of (22) when the observer's error is known in closed form: only e is left to be integrated.
-
-h(e) is fast enough for a million agents and for thousands of runs: arcs are sorted by listener and worked through in
-blocks that fit into the processor's cache, slot by slot: the first arcs of all agents, then the second ones.  A run of
-a stack is one more column.  Couplings are turned once into a list of NumPy calls.
+``Field`` is the same loop as ``model.model``'s ``closed_loop``, written a second time on purpose: tests hold the two
+together.  h(e) is fast enough for a million agents and for thousands of runs, which are columns of the same arrays:
+arcs are worked through in blocks that fit into the processor's cache, slot by slot.
 """
 
 from __future__ import annotations
@@ -46,10 +42,9 @@ _VARIABLE, _CONSTANT = -1, 0  # in place of a number of operands
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """Some arcs of one coupling.  Agents ``rows`` listen; ``speakers`` (arcs,) slot by slot.
+    """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common weight, or (arcs,).
 
-    ``slots`` holds begin and end of every slot; the i-th arc of a slot ends at the i-th of ``rows``.  ``factor``
-    is the common weight, or one for every arc, (arcs,).  Without slots, where agents have very many arcs,
+    ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of ``rows``.  Without slots, for hubs,
     ``counts[i]`` arcs end at the i-th of ``rows``, and the matrix ``factor`` adds them.
     """
 
@@ -288,11 +283,9 @@ MOST_NUMBERS = 1 << 24  # of the table
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
-    """What does not depend on the mode, as floats.
+    """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in ``problem.arrays.Disturbance``.
 
-    Shapes: A (q, q), C (m, q), F = A - W C (q, q), W (q, m), K (n m, n m) sparse, goal (n, m); q = 0 without an
-    exosystem.  Where agents have different exosystems, A, C, F, W (n, q, m) and ``own`` (n, q) are those of
-    ``problem.arrays.Disturbance``: q counts the states of all groups.
+    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0.
     """
 
     n: int

@@ -1,8 +1,7 @@
 """One run by SciPy's integrators, restarted at every switch: no step crosses one.
 
-A run ends at its horizon, or where it diverged; what is valid up to there is kept, with the reason in words.  Where an
-explicit method would need very many steps, an implicit one is cheaper: by an estimate before the run, and by Hairer's
-test while it runs.
+A run ends at its horizon, or where it diverged; what is valid up to there is kept, with the reason in words.  A stiff
+loop is taken over by an implicit method: by an estimate before the run, and by Hairer's test while it runs.
 """
 
 from __future__ import annotations
@@ -32,7 +31,6 @@ STIFF = 2e4  # horizon times fastest decay from which on the implicit method is 
 BOUNDARY = 6.1  # |h lambda| on the boundary of stability of DOP853 (Hairer, Norsett, Wanner, section IV.2)
 PATIENCE = 15  # steps on that boundary after which the loop counts as stiff, if ...
 MANY = 3000  # ... so many steps would be left
-
 
 Piece = tuple[Derivative, Pattern, Stay]  # a stretch without a switch
 

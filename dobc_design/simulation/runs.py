@@ -1,9 +1,7 @@
 """Runs of the closed loop (1), (12), (13), (19) with any switching signal: one, or many side by side.
 
 The observer's error is known in closed form, so by default only e is integrated; the full loop as printed is the
-reference, and is taken where the closed form is out of reach.  A run under stress is a stack of one.  Run r of an
-ensemble has the seed ``seed + r``, so it depends neither on how many runs there are nor on the chunks that bound the
-memory.  Nothing is proved here, however many runs converge.
+reference, and is taken where the closed form is out of reach.  Run r of an ensemble has the seed ``seed + r``.
 """
 
 from __future__ import annotations
@@ -275,7 +273,7 @@ def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progr
         x = run.states.reshape(-1, loop.n, loop.m) + loop.goal
         xi = evolve(loop.A, start.xi, run.times)
         off = setting.observer == "off"
-        xihat = np.zeros_like(xi) if off else xi - evolve(settings.error_matrix(setting), eps0, run.times)
+        xihat = np.zeros_like(xi) if off else xi - evolve(loop.F, eps0, run.times)
     if run.method.startswith("Radau"):
         run.notes.append("The loop is stiff: integrated by the implicit method Radau.")
     if full and not asked:

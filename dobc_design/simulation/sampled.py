@@ -13,7 +13,6 @@ L = int_0^T exp((A - W C) s) ds W, unless it is given.  Between samples d - dhat
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,16 +26,8 @@ from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, S
 from dobc_design.simulation.stressed import Crew, StressedRuns, sample_instants
 
 
-class Discrete(NamedTuple):
-    """The discretised exosystem and observer.  Shapes: Ad (q, q), Cd (m, q), L (q, m), or (n, q, m)."""
-
-    Ad: Array
-    Cd: Array
-    L: Array
-
-
-def discretised(loop: Loop, period: float, gain: Array | None = None) -> Discrete:
-    """Discretise the observer exactly over ``period`` in s.  Raises: ShapeError for a gain that does not fit."""
+def discretised(loop: Loop, period: float, gain: Array | None = None) -> tuple[Array, Array, Array]:
+    """Ad (q, q), Cd (m, q) and L (q, m), or (n, q, m), for ``period`` in s.  Raises: ShapeError for a wrong gain."""
     q, m = loop.q, loop.m
     if gain is None:
         gain = integral(loop.F, period)[1] @ loop.W
@@ -47,7 +38,7 @@ def discretised(loop: Loop, period: float, gain: Array | None = None) -> Discret
         message = f"must have shape ({q}, {m}), one row per exosystem state; got {gain.shape}."
         raise wrong("sampled_gain", message, "design_observer(problem, period=...).W has it.", kind=ShapeError)
     transition, total = integral(loop.A, period)
-    return Discrete(transition, loop.C @ (total / period), gain)
+    return transition, loop.C @ (total / period), gain
 
 
 def integral(A: Array, times: float | Array) -> tuple[Array, Array]:
@@ -72,11 +63,7 @@ def run_sampled_alone(runs: StressedRuns, progress: Progress | None) -> Outcome:
 
 
 class Stepper:
-    """Steps all runs from sample to sample over the times of their setting.
-
-    ``visit`` gets the place of a time and all runs there, also those that ended before: x, d, dhat, u (n, m, R) and xi,
-    xihat (n, q, R) by name.
-    """
+    """Steps all runs; ``visit`` gets the place of a time, and x, d, dhat, u (n, m, R), xi, xihat (n, q, R) by name."""
 
     def __init__(self, runs: StressedRuns, visit: Callable[[int, Samples], None], report: Progress) -> None:
         self.loop, self.times, self.nearby = runs.setting.loop, runs.setting.times, runs.nearby
@@ -85,7 +72,7 @@ class Stepper:
         self.instants = sample_instants(self.period, runs.setting.horizon)
         self.owner = np.searchsorted(self.instants, self.times, side="right") - 1
         gain = runs.stress.sampled_gain
-        self.discrete = discretised(self.loop, self.period, None if gain is None else np.asarray(gain))
+        self.Ad, self.Cd, self.L = discretised(self.loop, self.period, None if gain is None else np.asarray(gain))
         self.x, self.xi, self.xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))
         self.crew = Crew(runs, self.instants, keep=False)
         self.goal = self.loop.goal[..., None]
@@ -118,9 +105,9 @@ class Stepper:
             if k + 1 < len(self.instants):
                 until = float(self.instants[k + 1])
                 self.before, self.held = measured, held
-                drift = self.period * (held + act(self.discrete.Cd, self.xi))
+                drift = self.period * (held + act(self.Cd, self.xi))
                 self.x = self.x + drift + self.crew.extra_integral(until - self.period, until)
-                self.xi = act(self.discrete.Ad, self.xi)
+                self.xi = act(self.Ad, self.xi)
                 far = self.going & ~(self.size() <= self.farthest)
                 self.end(far, done, f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {until:.6g} s")
             if not self.going.any():
@@ -132,15 +119,15 @@ class Stepper:
 
     def compute(self, k: int, instant: float) -> tuple[Array, Array, Array, Array]:
         """Measured states, and what is held from this instant on: couplings, input, estimate."""
-        crew, discrete = self.crew, self.discrete
+        crew = self.crew
         if self.nearby is not None:
             mode = self.nearby.look(instant, self.x[..., 0])
             crew.heard.move(mode, self.nearby.groups(mode), k)
         measured = self.x + crew.noise(k)
         if k:
-            innovation = (measured - self.before) / self.period - self.held - act(discrete.Cd, self.xihat)
-            self.xihat = act(discrete.Ad, self.xihat) + act(discrete.L, innovation)
-        e, dhat = measured - self.goal, act(discrete.Cd, self.xihat)
+            innovation = (measured - self.before) / self.period - self.held - act(self.Cd, self.xihat)
+            self.xihat = act(self.Ad, self.xihat) + act(self.L, innovation)
+        e, dhat = measured - self.goal, act(self.Cd, self.xihat)
         crew.fail(instant, e, dhat)
         felt = np.zeros_like(e)
         for links, columns, held in crew.heard.exchange(k, crew.said(e)):

@@ -1,8 +1,6 @@
 """What a simulation was asked for: a stress, checked arguments, where runs start, and what follows before integrating.
 
-A stress is what the theorems leave out: noise, unmodelled disturbance, saturation, sampling, loss, failures.  All
-that an agent computes uses measured states and what it has received.  Drawn starts are the same for the same seed, and
-so is a run under stress; nothing of this enters a proof.
+A stress is what the theorems leave out.  Starts and stresses are the same for the same seed; neither enters a proof.
 """
 
 from __future__ import annotations
@@ -187,11 +185,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Starts:
-    """Draws starts by seed.  Arrays that are not None are the same for every seed.
-
-    x: uniform in [low, high] by component, (n, m).  xi: where it is not given, uniform in the ball of ``radius``.
-    ``own``: which states of the exosystems of all groups are an agent's own, where agents have different ones.
-    """
+    """Draws starts: x in [low, high], xi in a ball within an agent's ``own`` states, unless they are given."""
 
     low: Array
     high: Array
@@ -219,19 +213,12 @@ class Starts:
 
 
 def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
-    """Decide where runs start.
-
-    ``given``: x as an array (n, m) (or m numbers for all agents); a mapping with some of x, xi, xihat; a path to a CSV
-    file with n rows of m numbers (x), or to an .npz file with arrays x, xi, xihat, where a saved trajectory
-    gives its last sample.  What is not given: x from simulation.x0, else from region.initial_states, without a region
-    within 1 of the goal; xi from simulation.xi0, else from the ball region.initial_disturbance, else ones; xihat = 0.
-    Raises: SpecError or ShapeError for what does not fit or is not finite.
-    """
+    """Decide where runs start: as given, by [simulation], by the region, or around the goal.  Raises: SpecError."""
     n, m, q, region, x0, xi0 = loop.n, loop.m, loop.q, problem.region, problem.simulation.x0, problem.simulation.xi0
     parts = {name: value for name, value in _parts(given).items() if value is not None}
     sizes = {"x": (m, "component"), "xi": (q, "exosystem state"), "xihat": (q, "exosystem state")}
     rows = {name: _rows(value, f"start.{name}", n, *sizes[name]) for name, value in parts.items()}
-    for name in rows.keys() & {"xi", "xihat"}:
+    for name in [name for name in ("xi", "xihat") if name in rows]:
         _refuse_foreign(loop, name, rows[name])
     x, xi, xihat, radius = rows.get("x"), rows.get("xi"), rows.get("xihat", np.zeros((n, q))), 0.0
     if x is None and x0 is not None:
@@ -381,17 +368,12 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     )
 
 
-def error_matrix(setting: Setting) -> Array:
-    """The F of eps' = F eps: A - W C; A alone where the observer is off."""
-    loop = setting.loop
-    return loop.A if setting.observer == "off" else loop.F
-
-
 def closed_form_of(setting: Setting) -> ClosedForm | None:
     """C exp(F t) up to the horizon; None if there is no disturbance, or if it is out of reach."""
     if setting.loop.q == 0:
         return None
-    return make_closed_form(error_matrix(setting), setting.loop.C, setting.horizon)
+    F = setting.loop.A if setting.observer == "off" else setting.loop.F
+    return make_closed_form(F, setting.loop.C, setting.horizon)
 
 
 def is_stiff(setting: Setting, *, closed: bool) -> bool:

@@ -1,10 +1,8 @@
 """Runs under a stress, side by side: what agents measure, say, hear and command, and the full loop in continuous time.
 
-The runs are the last axis, and one run is a stack of one.  Random numbers come from streams of each run's own, so that
-noise, losses and phases do not depend on each other nor on the other runs.  A packet holds the measured state less the
-formation offset and target; a listener that got none feels nothing on that arc.  All runs wait for each other where
-noise is drawn, packets are exchanged or agents fail.  Many runs go through ``columns``; one goes through ``integrate``,
-for which a loop may be stiff, and graphs may follow from the states.
+The runs are the last axis, and one run is a stack of one.  Random numbers come from streams of each run's own.  A
+packet holds the measured state less the formation offset and target; a listener that got none feels nothing on that
+arc.  All runs wait for each other where noise is drawn, packets are exchanged or agents fail.
 """
 
 from __future__ import annotations
@@ -63,12 +61,7 @@ class StressedRuns:
 
 
 class Crew:
-    """The agents of all runs.  Errors e are measured ones, (n, m, R): x plus noise, less the goal.
-
-    ``instants`` are the times in s at which noise is drawn and packets are exchanged; ``heeds``: whether estimates are
-    used.  ``heard`` is what listeners hold; ``stopped`` what failed agents command and say from then on, (m, R) each,
-    nan for silence.
-    """
+    """The agents of all runs; errors e (n, m, R) are measured ones; ``stopped``: what failed ones command and say."""
 
     def __init__(self, runs: StressedRuns, instants: Array, *, keep: bool) -> None:
         self.loop, self.stress, self.heeds = runs.setting.loop, runs.stress, runs.setting.observer != "off"
@@ -295,10 +288,8 @@ class Loops:
     def gap(self, y: Array, times: Array, chosen: IndexArray) -> Array:
         """d - dhat of the chosen runs at these times, (n, m, k)."""
         x, xi, z = self.split(y)
-        d = act(self.loop.C, xi) + self.crew.extra(times, chosen)
-        if not self.crew.heeds:
-            return np.asarray(d)
-        return np.asarray(d - act(self.loop.C, self.known(x, z, self.noise[..., chosen])[1]))
+        d, xihat = act(self.loop.C, xi) + self.crew.extra(times, chosen), self.known(x, z, self.noise[..., chosen])[1]
+        return np.asarray(d - act(self.loop.C, xihat)) if self.crew.heeds else d
 
 
 def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> Ends:

@@ -1,8 +1,7 @@
 """When which mode is active on one horizon: drawn from a signal and a seed, or followed from positions.
 
-Graphs that follow from positions: everyone within a radius, or the k nearest, with hysteresis.  Positions are the
-states themselves, formation offsets included, or a given motion.  A link that is made at one distance is broken at a
-larger one, so that an agent at the edge does not make the graph chatter.  Arcs have weight 1.
+A link that is made at one distance is broken at a larger one, so that an agent at the edge does not make the graph
+chatter.  Arcs of such graphs have weight 1.
 """
 
 from __future__ import annotations
@@ -33,11 +32,7 @@ MOST_CHANGES = 100_000  # switches of one run whose graphs follow from its state
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Switches:
-    """Mode ``names[modes[s]]`` is active from ``times[s]`` (included) to the next instant (excluded).
-
-    Shapes: times (S,) in s, increasing from 0; modes (S,), no two neighbours alike.  ``graphs`` is empty
-    where the modes are the problem's own; with moving agents it holds, by mode, listeners and speakers (2, arcs).
-    """
+    """Mode ``names[modes[s]]`` is active from ``times[s]`` s on; ``graphs``, by mode (2, arcs), where agents move."""
 
     times: Array
     modes: IndexArray
@@ -237,10 +232,8 @@ class Nearby:
     def __init__(self, signal: Mobile, problem: Problem, horizon: float) -> None:
         self.signal, self.problem, self.horizon = signal, problem, horizon
         self.now: IndexArray | None = None
-        self.times: list[float] = []
-        self.modes: list[int] = []
-        self.codes: list[IndexArray] = []
-        self.numbers: dict[bytes, int] = {}
+        self.times, self.modes = list[float](), list[int]()
+        self.codes, self.numbers = list[IndexArray](), dict[bytes, int]()
 
     def look(self, time: float, positions: Array) -> int:
         """The number of the graph at positions (n, k), active from ``time`` on.  Raises: SpecError on chattering."""
@@ -279,7 +272,6 @@ class Nearby:
 
     @property
     def switches(self) -> Switches:
-        """Those that the run has come to."""
         return Switches(
             times=np.array(self.times),
             modes=np.array(self.modes, dtype=np.int64),

@@ -1,8 +1,4 @@
-"""A simulated run of the closed loop: its samples, what is usually asked of them or of many runs, and its file.
-
-Numbers in floating point: they illustrate and never decide.  Nothing in a file is ever executed, and a file appears
-whole or not at all.
-"""
+"""A simulated run of the closed loop: its samples, what is asked of them or of many runs, and its file."""
 
 from __future__ import annotations
 

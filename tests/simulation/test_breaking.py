@@ -22,7 +22,7 @@ def test_the_longest_period_is_that_of_the_spectral_radius():
     """I + T (J - K) has the eigenvalues 1 + T (w - 4), w fifth roots of 1: all inside the circle up to T*."""
     roots = np.exp(2j * np.pi * np.arange(5) / 5) - 4
     border = float((-2 * roots.real / np.abs(roots) ** 2).min())
-    found = what_breaks_first(ring(), options=["period"], t_final=120).period
+    found = what_breaks_first(ring(), options=["period"], t_final=60).period
     assert found.converges < found.fails
     assert found.certified is None
     assert border * 0.97 < found.converges < border

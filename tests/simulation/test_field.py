@@ -12,8 +12,7 @@ import pytest
 from dobc_design import Exosystem, Network, Observer, Problem, build_model, load_problem
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.problem.arrays import arc_groups
-from dobc_design.simulation import field as graph_module
-from dobc_design.simulation.field import Graph, compile_coupling, evolve, graph_of, make_closed_form, make_field
+from dobc_design.simulation import field as fields
 
 
 def mixed() -> Problem:
@@ -41,7 +40,7 @@ IDS = ["mixed", "without disturbance", "paper-fixed"]
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=IDS)
 def test_the_field_is_the_symbolic_closed_loop(problem: Problem):
-    field = make_field(problem, next(iter(problem.network.modes)), None)
+    field = fields.make_field(problem, next(iter(problem.network.modes)), None)
     model = build_model(problem)
     rng = np.random.default_rng(0)
     for _ in range(5):
@@ -52,7 +51,7 @@ def test_the_field_is_the_symbolic_closed_loop(problem: Problem):
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=IDS)
 def test_the_pattern_covers_the_jacobian_of_the_closed_loop(problem: Problem):
-    field = make_field(problem, next(iter(problem.network.modes)), None)
+    field = fields.make_field(problem, next(iter(problem.network.modes)), None)
     symbols = [ca.SX.sym("s", problem.n * width) for width in (problem.m, problem.q, problem.q)]
     closed_loop = ca.vertcat(*build_model(problem).closed_loop(*symbols))
     rows, columns = ca.jacobian(closed_loop, ca.vertcat(*symbols)).sparsity().get_triplet()
@@ -75,7 +74,7 @@ def test_a_compiled_coupling_is_the_coupling(text: str):
     coupling = make_coupling(text, dimension=1)
     y = np.random.default_rng(0).normal(size=(200, 1))
     kept = y.copy()
-    np.testing.assert_allclose(compile_coupling(coupling)(y), coupling.value(y), rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(fields.compile_coupling(coupling)(y), coupling.value(y), rtol=1e-13, atol=1e-15)
     assert np.array_equal(y, kept)
 
 
@@ -83,12 +82,12 @@ def test_a_compiled_vector_coupling_sees_the_components_of_a_difference():
     coupling = make_coupling(["y1*y2 + y1", "sin(y2) - y1"], dimension=2)
     y = np.random.default_rng(0).normal(size=(50, 2, 3))
     wanted = np.stack([coupling.value(y[..., k]) for k in range(3)], axis=-1)
-    np.testing.assert_allclose(compile_coupling(coupling)(y), wanted, rtol=1e-13)
+    np.testing.assert_allclose(fields.compile_coupling(coupling)(y), wanted, rtol=1e-13)
 
 
 def test_a_sum_of_many_terms_is_compiled_without_recursion():
     text = "y" + " + y" * 480
-    found = compile_coupling(make_coupling(text, dimension=1))(np.array([[2.0]]))
+    found = fields.compile_coupling(make_coupling(text, dimension=1))(np.array([[2.0]]))
     assert found.tolist() == [[962.0]]
 
 
@@ -112,8 +111,8 @@ def by_hand(problem: Problem, e):
     return total
 
 
-def graph(problem: Problem, runs: int = 1) -> Graph:
-    return graph_of(arc_groups(problem, "G"), n=problem.n, m=problem.m, runs=runs)
+def graph(problem: Problem, runs: int = 1) -> fields.Graph:
+    return fields.graph_of(arc_groups(problem, "G"), n=problem.n, m=problem.m, runs=runs)
 
 
 @pytest.mark.parametrize(("n", "arcs", "m"), [(5, 4, 1), (40, 200, 1), (30, 100, 2)])
@@ -133,7 +132,7 @@ def test_what_agents_feel_is_the_sum_over_their_arcs(n: int, arcs: int, m: int, 
 @pytest.mark.parametrize("size", [1, 7, 100, 10_000])
 def test_hubs_and_others_feel_the_same_in_blocks_of_any_size(size: int, monkeypatch):
     """Agent 1 hears most of the others: far more arcs than a block has slots, or than a block has room for."""
-    monkeypatch.setattr(graph_module, "BLOCK", size)
+    monkeypatch.setattr(fields, "BLOCK", size)
     problem = random_problem(120, 300, m=1, seed=5)
     e = np.random.default_rng(1).normal(size=(120, 1))
     found = graph(problem)(e)
@@ -172,7 +171,7 @@ def test_the_table_agrees_with_mpmath(name: str):
     """(17): eps(t) = exp((A - W C) t) eps(0)."""
     F = np.array(CASES[name], dtype=float)
     C = np.arange(1.0, len(F) + 1)[None]
-    closed = make_closed_form(F, C, 20.0)
+    closed = fields.make_closed_form(F, C, 20.0)
     assert closed is not None
     times = np.array([0.0, 1e-9, 0.03, 0.5, 1.234567, 7.7, 19.99, 20.0])
     together = closed.many(times.reshape(2, 4)).reshape(1, len(F), -1)
@@ -184,15 +183,15 @@ def test_the_table_agrees_with_mpmath(name: str):
 
 
 def test_the_table_is_given_up_where_it_would_be_too_long():
-    assert make_closed_form(np.array([[-1e6]]), np.eye(1), 20.0) is None
-    assert make_closed_form(np.array([[-100.0]]), np.eye(1), 20.0) is not None
-    assert make_closed_form(np.array([[np.inf]]), np.eye(1), 20.0) is None
+    assert fields.make_closed_form(np.array([[-1e6]]), np.eye(1), 20.0) is None
+    assert fields.make_closed_form(np.array([[-100.0]]), np.eye(1), 20.0) is not None
+    assert fields.make_closed_form(np.array([[np.inf]]), np.eye(1), 20.0) is None
 
 
 def test_states_evolve_row_by_row():
     F = np.array(CASES["three states"])
     start, times = np.array([[1.0, 2, 3], [0, -1, 0]]), np.array([0.0, 0.4, 5])
-    found = evolve(F, start, times)
+    found = fields.evolve(F, start, times)
     for k, t in enumerate(times):
         np.testing.assert_allclose(found[k], start @ precise(F, t).T, atol=1e-13)
 
@@ -200,4 +199,4 @@ def test_states_evolve_row_by_row():
 def test_states_evolve_also_beyond_the_table():
     """|F| times the horizon is 8e6: SciPy's expm takes over."""
     F = np.array([[-4e5, 0], [0, -1.0]])
-    np.testing.assert_allclose(evolve(F, np.ones((1, 2)), np.array([0.0, 20]))[1], [[0, np.exp(-20)]], rtol=1e-7)
+    np.testing.assert_allclose(fields.evolve(F, np.ones((1, 2)), np.array([0.0, 20]))[1], [[0, np.exp(-20)]], rtol=1e-7)

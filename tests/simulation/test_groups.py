@@ -83,9 +83,9 @@ def test_ensembles_under_stress_are_the_runs_one_by_one(problem):
 
 def test_sampled_and_continuous_loops_under_stress_agree_for_short_periods(problem):
     start = [[2.0], [-1.0], [0.5]]
-    calm = dd.simulate(problem, start=start, samples=[0.0, 3.0, 6.0])
-    sampled = dd.simulate(problem, start=start, samples=[0.0, 3.0, 6.0], stress=dd.Stress(period=1e-3))
-    quiet = dd.simulate(problem, start=start, samples=[0.0, 3.0, 6.0], stress=dd.Stress(noise=1e-12))
+    calm = dd.simulate(problem, start=start, t_final=3, samples=[0.0, 1.5, 3.0])
+    sampled = dd.simulate(problem, start=start, t_final=3, samples=[0.0, 1.5, 3.0], stress=dd.Stress(period=1e-3))
+    quiet = dd.simulate(problem, start=start, t_final=3, samples=[0.0, 1.5, 3.0], stress=dd.Stress(noise=1e-12))
     assert np.abs(sampled.x - calm.x).max() < 5e-3
     assert np.abs(quiet.x - calm.x).max() < 1e-6
     with pytest.raises(SpecError, match="sampled_gain is one gain for all agents"):

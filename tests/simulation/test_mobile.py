@@ -148,8 +148,8 @@ def test_moving_agents_in_the_plane_with_an_observer_agree_with_the_full_loop():
         region={"initial_states": [-3, 3], "initial_disturbance": 1},
     )
     signal = Mobile(radius=1.5, hysteresis=0.2)
-    fast = simulate(problem, signal=signal, t_final=6, tolerance=1e-11)
-    full = simulate(problem, signal=signal, t_final=6, tolerance=1e-11, observer="full-loop")
+    fast = simulate(problem, signal=signal, t_final=4, tolerance=1e-11)
+    full = simulate(problem, signal=signal, t_final=4, tolerance=1e-11, observer="full-loop")
     assert len(fast.switches) > 3
     np.testing.assert_allclose(fast.switches.times, full.switches.times, rtol=1e-8)
     np.testing.assert_allclose(fast.x, full.x, atol=1e-8)

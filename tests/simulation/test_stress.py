@@ -58,9 +58,9 @@ def test_the_discretised_observer_lies_in_its_exact_enclosure():
     problem = planar()
     W = tuple(tuple(entry / 10 for entry in row) for row in problem.observer.W)
     exact = sampled_matrix(problem.exosystem, W, Fraction(1, 4))
-    found = discretised(make_loop(problem, None), 0.25, np.array(W, dtype=float))
+    Ad, Cd, L = discretised(make_loop(problem, None), 0.25, np.array(W, dtype=float))
     middle = np.array([[float(entry.midpoint) for entry in row] for row in exact])
-    np.testing.assert_allclose(found.Ad - found.L @ found.Cd, middle, atol=1e-15)
+    np.testing.assert_allclose(Ad - L @ Cd, middle, atol=1e-15)
 
 
 def test_between_samples_a_held_loop_follows_its_integral():

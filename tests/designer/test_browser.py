@@ -33,25 +33,11 @@ def server(tmp_path: Path) -> Iterator[str]:
     nbformat.write(notebook, tmp_path / "design.ipynb")
     log = tmp_path / "server.log"
     environment = os.environ | {f"JUPYTER_{name}_DIR": str(tmp_path / name) for name in ("CONFIG", "DATA", "RUNTIME")}
+    address = ("--port=0", "--ip=127.0.0.1", "--IdentityProvider.token=secret", f"--notebook-dir={tmp_path}")
+    how = ("--no-browser", "--allow-root", "--LabApp.expose_app_in_browser=True")
+    command = [sys.executable, "-m", "jupyterlab", *how, *address]
     with log.open("w") as out:
-        process = subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "jupyterlab",
-                "--no-browser",
-                "--allow-root",
-                "--port=0",
-                "--ip=127.0.0.1",
-                "--IdentityProvider.token=secret",
-                "--LabApp.expose_app_in_browser=True",
-                f"--notebook-dir={tmp_path}",
-            ],
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            env=environment,
-            cwd=tmp_path,
-        )
+        process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT, env=environment, cwd=tmp_path)
     try:
         port = until("the server's port", lambda: re.search(r"http://127\.0\.0\.1:(\d+)/lab", log.read_text()))[1]
         yield f"http://127.0.0.1:{port}/lab/tree/design.ipynb?token=secret"
@@ -68,13 +54,8 @@ def page(tmp_path: Path, server: str) -> Iterator[Page]:
 
 def test_a_click_pins_an_agent_and_the_exact_verdict_follows(page: Page, tmp_path: Path):
     until("JupyterLab", lambda: page.run("!!(window.jupyterapp && window.jupyterapp.shell.currentWidget)"))
-    until(
-        "the kernel",
-        lambda: page.run(
-            "(() => { const s = window.jupyterapp.shell.currentWidget?.sessionContext;"
-            " return s?.session?.kernel?.status === 'idle'; })()"
-        ),
-    )
+    idle = "window.jupyterapp.shell.currentWidget?.sessionContext?.session?.kernel?.status === 'idle'"
+    until("the kernel", lambda: page.run(idle))
     page.run("void window.jupyterapp.commands.execute('notebook:run-all-cells')")
     until("the widget", lambda: page.run("document.querySelectorAll('.dobc-agent').length === 10"))
     said = "document.querySelector('.dobc-verdict').textContent"

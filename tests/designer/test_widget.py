@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,15 @@ from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes
 
 
+def problem(coupling: str, arcs: list[list[int]], agents: int, **settings: Any) -> dd.Problem:
+    return dd.Problem(
+        network=dd.Network.from_arcs(arcs, arrow="listens_to", agents=agents), coupling=coupling, **settings
+    )
+
+
 @pytest.fixture
 def designer() -> dd.Designer:
-    network = dd.Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
-    return dd.Designer(dd.Problem(network=network, coupling="tanh(y) + y", target=2, gains={1: 3}, name="line"))
+    return dd.Designer(problem("tanh(y) + y", [[2, 1], [3, 2]], 3, target=2, gains={1: 3}, name="line"))
 
 
 def test_it_shows_the_problem_it_was_given(designer):
@@ -60,13 +66,11 @@ def test_the_preview_agrees_with_closed_forms(designer):
 
 def test_the_previewed_region_is_about_what_certify_proves():
     """sin, one pin of two agents that listen to each other: a box below pi is all there is."""
-    network = dd.Network.from_arcs([[2, 1], [1, 2]], arrow="listens_to", agents=2)
-    problem = dd.Problem(network=network, coupling="sin(y)", target=0, gains={1: 1})
-    reach = preview(problem, radius=6.0, rate=0.01, t_final=1.0).reach
+    both = [[2, 1], [1, 2]]
+    reach = preview(problem("sin(y)", both, 2, gains={1: 1}), radius=6.0, rate=0.01, t_final=1.0).reach
     region = {"initial_states": [-0.9 * reach, 0.9 * reach]}
-    inside = dd.Problem(network=network, coupling="sin(y)", target=0, gains={1: 1}, region=region)
     assert 0.5 < reach < 3.2
-    assert dd.certify(inside).verdict is dd.Verdict.PROVED
+    assert dd.certify(problem("sin(y)", both, 2, gains={1: 1}, region=region)).verdict is dd.Verdict.PROVED
 
 
 def test_a_saved_file_is_the_problem(designer, tmp_path):
@@ -87,12 +91,11 @@ def test_what_a_drag_keeps_is_what_a_new_widget_would_compute(designer):
 
 
 def test_agents_with_different_exosystems_are_designed_too():
-    network = dd.Network.from_arcs([[2, 1], [1, 2]], arrow="listens_to", agents=2)
     groups = [
         dd.Group(agents=["1"], exosystem=dd.Exosystem(A=[[0]], C=[[1]])),
         dd.Group(agents=["2"], exosystem=dd.Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]])),
     ]
-    designer = dd.Designer(dd.Problem(network=network, coupling="y", gains={1: 3}, groups=groups))
+    designer = dd.Designer(problem("y", [[2, 1], [1, 2]], 2, gains={1: 3}, groups=groups))
     designer.radius = 2.0
     assert designer.numbers["note"] == ""
     assert designer.numbers["lambda_max"] < 0
@@ -119,18 +122,10 @@ def test_a_message_of_the_page_saves_and_says_what_went_wrong(designer, tmp_path
 
 def test_what_cannot_be_drawn_is_refused():
     with pytest.raises(SpecError, match=r"201 agents; the drawing holds 200"):
-        dd.Designer(dd.Problem(network=dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=201), coupling="y"))
-    matrix = dd.Problem(
-        network=dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
-        coupling="y",
-        target=[0, 0],
-        gains={1: [[1, 0], [0, 2]]},
-    )
+        dd.Designer(problem("y", [[2, 1]], 201))
     with pytest.raises(SpecError, match=r"agent 1 has a matrix as its gain"):
-        dd.Designer(matrix)
+        dd.Designer(problem("y", [[2, 1]], 2, target=[0, 0], gains={1: [[1, 0], [0, 2]]}))
 
 
 def test_a_kink_at_the_target_leaves_the_eigenvalue_out():
-    network = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
-    kinked = dd.Problem(network=network, coupling="y + abs(y)/2", target=0, gains={1: 1, 2: 1})
-    assert dd.Designer(kinked).numbers["lambda_max"] is None
+    assert dd.Designer(problem("y + abs(y)/2", [[2, 1]], 2, gains={1: 1, 2: 1})).numbers["lambda_max"] is None

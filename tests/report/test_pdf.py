@@ -48,39 +48,19 @@ def squeezed(text: str) -> str:
 
 
 def content(*blocks: dict[str, Any], **changes: Any) -> dict[str, Any]:
-    return {
-        "title": "t",
-        "name": "n",
-        "footer": "f",
-        "verdict": "proved",
-        "word": "Proved",
-        "reason": "r",
-        "identity": [["Problem", "n"]],
-        "facts": [["Agents", "1"]],
-        "blocks": list(blocks),
-    } | changes
+    texts = {"title": "t", "name": "n", "footer": "f", "verdict": "proved", "word": "Proved", "reason": "r"}
+    return {**texts, "identity": [["Problem", "n"]], "facts": [["Agents", "1"]], "blocks": list(blocks), **changes}
 
 
 @needs_typst
 @needs_poppler
 def test_text_of_the_user_is_shown_as_it_is_and_never_read_as_markup(tmp_path: Path):
     items = list(HOSTILE[:5])
-    page = compile_pdf(
-        content(
-            {"kind": "list", "items": items},
-            {"kind": "code", "lines": items},
-            {
-                "kind": "table",
-                "heads": items[:2],
-                "rows": [[[a], [b]] for a, b in zip(items, items, strict=True)],
-                "widths": [0, 1],
-            },
-            *({"kind": "heading", "level": 1, "text": each} for each in items),
-            name=" ".join(items),
-            reason=" ".join(items),
-            footer=" ".join(items)[:60],
-        )
-    )
+    table = {"kind": "table", "heads": items[:2], "rows": [[[each], [each]] for each in items], "widths": [0, 1]}
+    blocks = ({"kind": "list", "items": items}, {"kind": "code", "lines": items}, table)
+    headings = ({"kind": "heading", "level": 1, "text": each} for each in items)
+    whole = " ".join(items)
+    page = compile_pdf(content(*blocks, *headings, name=whole, reason=whole, footer=whole[:60]))
     text = squeezed(texts(page, tmp_path))
     for each in items:
         assert text.count(squeezed(each)) >= 6, each

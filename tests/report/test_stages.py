@@ -24,15 +24,8 @@ F = Fraction
 @cache
 def settling() -> Settling:
     """Two max-separable stages and two quadratic ones, R = 2, |eps_i| <= 1/2."""
-    return Settling(
-        verdict=Verdict.PROVED,
-        reason="",
-        problem_name="three",
-        radius=ASKED.radius,
-        disturbance=ASKED.disturbance,
-        tolerance=ASKED.tolerance,
-        staging=chain(),
-    )
+    asked = {name: getattr(ASKED, name) for name in ("radius", "disturbance", "tolerance")}
+    return Settling(verdict=Verdict.PROVED, reason="", problem_name="three", staging=chain(), **asked)
 
 
 def timing(period: str, delay: str) -> StageTiming:

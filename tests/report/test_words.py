@@ -12,16 +12,8 @@ from dobc_design._show.text import significant_towards_zero
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
-from dobc_design.report.words import (
-    agents_table,
-    domain_words,
-    mode_sentences,
-    names_in_words,
-    number,
-    pin_sentence,
-    typeset,
-    what_it_means,
-)
+from dobc_design.report import words
+from dobc_design.report.words import agents_table, domain_words, mode_sentences, names_in_words, number, pin_sentence
 
 
 @given(st.floats(min_value=1e-300, max_value=1e300))
@@ -40,7 +32,7 @@ def test_cut_numbers(value: float | Fraction | None, text: str):
 
 
 def test_numbers_are_written_as_people_write_them():
-    assert typeset("-1.5e-08") == "−1.5·10⁻⁸"
+    assert words.typeset("-1.5e-08") == "−1.5·10⁻⁸"
     assert number(-0.0) == "0"
     assert number(None) == "–"
     assert number(1234567.0) == "1.235·10⁶"
@@ -60,7 +52,7 @@ def test_what_is_not_said_names_the_disturbances_that_the_problem_has(problem_wi
         (problem_with(groups=groups, observer=None), "one (A, C) for each group of agents"),
         (problem_with(exosystem=None, observer=None), "single integrators, messages"),
     ):
-        assert said in what_it_means(certificate_of(problem))[1][-1]
+        assert said in words.what_it_means(certificate_of(problem))[1][-1]
 
 
 def test_a_ring_is_said_in_words(problem_with):

@@ -6,15 +6,8 @@ from fractions import Fraction
 
 import pytest
 
-from dobc_design._show.text import (
-    latex_matrix,
-    latex_number,
-    latex_text,
-    mathml,
-    significant,
-    significant_away_from_zero,
-    significant_towards_zero,
-)
+from dobc_design._show import text as shown
+from dobc_design._show.text import latex_matrix, latex_number, latex_text, mathml, significant
 
 
 @pytest.mark.parametrize(
@@ -40,11 +33,11 @@ def test_rounding_for_display():
 
 
 def test_an_upper_bound_is_never_shown_smaller_than_it_is():
-    assert significant_away_from_zero(Fraction(2, 3)) == "0.6667"
-    assert significant_away_from_zero(Fraction(1, 3), 2) == "0.34"
-    assert significant_away_from_zero(0.5, 2) == "0.5"
-    assert significant_away_from_zero(None) == "–"
-    assert significant_towards_zero(-0.12349999) == "-0.1234"
+    assert shown.significant_away_from_zero(Fraction(2, 3)) == "0.6667"
+    assert shown.significant_away_from_zero(Fraction(1, 3), 2) == "0.34"
+    assert shown.significant_away_from_zero(0.5, 2) == "0.5"
+    assert shown.significant_away_from_zero(None) == "–"
+    assert shown.significant_towards_zero(-0.12349999) == "-0.1234"
 
 
 def test_a_matrix_larger_than_twelve_is_not_shown():

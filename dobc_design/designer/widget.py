@@ -59,10 +59,9 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     stands now, ``certificate`` that of the last exact verdict, or None if something was moved since.  ``save`` writes a
     problem file.  Nothing else is kept: a new kernel and the same clicks give the same problem.
 
-    Parameters:
-        problem: Problem, path of a problem file, or name of a built-in problem; at most 200 agents, numbers as gains.
-        rate: the decay rate in 1/s that the previewed region has to have.
-        radius: starts within this distance of the target to begin with; default what the problem's region has, else 1.
+    ``problem``: Problem, path of a problem file, or name of a built-in problem; at most 200 agents, numbers as gains.
+    ``rate``: the decay rate in 1/s that the previewed region has to have.  ``radius``: starts within this distance of
+    the target to begin with; default what the problem's region has, else 1.
     Raises: SpecError for a problem that it cannot show.
     """
 

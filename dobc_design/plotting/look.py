@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import Locator, LogLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from dobc_design.errors import SpecError
@@ -132,6 +134,12 @@ def power_of_ten(value: float, _: object = None) -> str:
         return ""
     exponent = round(float(np.log10(value)))
     return {0: "1", 1: "10", -1: "0.1"}.get(exponent, "10" + str(exponent).translate(_RAISED))
+
+
+def tick_numbers(axis: Axis, locator: Locator | None = None) -> None:
+    """Numbers along an axis, by default at 1, 2 and 5 of every decade."""
+    axis.set_major_locator(locator or LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
 
 
 def short(name: object, longest: int = SHOWN_NAME) -> str:

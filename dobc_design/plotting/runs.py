@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.errors import ShapeError
@@ -224,8 +224,7 @@ def _decades(ax: Axes) -> None:
     if decades >= FEW_DECADES:
         ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     else:
-        ax.yaxis.set_major_locator(MaxNLocator(4) if decades < 0.5 else LogLocator(subs=(1, 2, 5)))
-        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        look.tick_numbers(ax.yaxis, MaxNLocator(4) if decades < 0.5 else None)
     ax.minorticks_off()
 
 

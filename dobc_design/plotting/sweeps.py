@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from dobc_design.plotting import look
@@ -240,8 +240,7 @@ def _panel(ax: Axes, sweep: Any, *, tolerance: float, bottom: float, top: float)
     ax.set_xlabel(("never breaks; " if sweep.breaks is None else "") + UNITS.get(sweep.unit, f"in {sweep.unit}"))
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     if sweep.option not in LINEAR:
-        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        look.tick_numbers(ax.xaxis)
     elif sweep.option == "failures":
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set_xlim(0, float(sweep.severity[-1]) + 1)
@@ -292,8 +291,7 @@ def trade_off_sheet(
         heights = [y for y in (*ys, *([] if chosen is None else chosen[1:])) if y > 0]
         if heights and max(heights) > STEEP * min(heights):
             ax.set_yscale("log")
-            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            look.tick_numbers(ax.yaxis)
             ax.minorticks_off()
         else:
             ax.set_ylim(bottom=0)

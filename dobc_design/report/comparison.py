@@ -1,7 +1,6 @@
 """Two certificates side by side: their verdicts, checks and certified starts, and what differs between the problems.
 
-Problems are compared in the form in which problem.json holds them, so that what counts is the meaning of a file and
-not how it is written.
+Problems are compared as problem.json holds them: what counts is the meaning of a file and not how it is written.
 """
 
 from __future__ import annotations
@@ -21,15 +20,10 @@ from dobc_design.report.pictures import network_pictures
 from dobc_design.report.region_words import method_name, starts_words
 from dobc_design.verdict import Verdict
 
-SIDES = ("A", "B")
-ABSENT = "–"
-MOST_ROWS = 150
-MOST_PICTURES = 4
-MOST_NOTES = 20
-MOST_DIFFERENCES = 60
+SIDES, ABSENT = ("A", "B"), "–"
+MOST_ROWS, MOST_PICTURES, MOST_NOTES, MOST_DIFFERENCES = 150, 4, 20, 60
 MOST_ARCS = 8  # arcs of one mode that are named one by one
-LONGEST_NAME = 30  # characters, in the footer
-LONGEST = 160  # characters of a value
+LONGEST_NAME, LONGEST = 30, 160  # characters of a name in the footer, and of a value
 TABLES = ("exosystem", "observer", "region", "switching", "simulation")
 
 Difference = tuple[str, str, str]  # a key, and its value in the first and in the second problem

@@ -1,8 +1,7 @@
 """Plots of the report: functions that take data and axes, and return the axes.
 
-Eigenvalues, certified regions, settling times, searches, and the network: arrows point the way information flows,
-pinned agents are squares; positions say nothing, only who is joined to whom does.  They compute nothing but what a
-drawing needs.  What is drawn solid about a region is proved.  Names given by users are never read as mathematics.
+They compute nothing but what a drawing needs.  What is drawn solid about a region is proved.  In networks arrows point
+the way information flows, and positions say nothing.  Names given by users are never read as mathematics.
 """
 
 from __future__ import annotations

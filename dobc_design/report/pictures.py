@@ -1,8 +1,7 @@
 """Which figures a report has, each with its caption and its text alternative, and how one becomes SVG inside a page.
 
-The colours are those of Okabe and Ito that keep a contrast of 3:1 on white; in the SVG each is a CSS variable
-with the colour itself as fallback, so that a page may exchange them in the dark.  Text stays text.  The
-same drawing gives the same bytes: no date, no random identifiers.
+In the SVG each colour is a CSS variable with the colour itself as fallback, so that a page may exchange them in the
+dark.  Text stays text.  The same drawing gives the same bytes: no date, no random identifiers.
 """
 
 from __future__ import annotations

@@ -110,7 +110,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             certificate = certify(self.problem)
             if version == self.version:  # else it is out of date already
                 self.certificate = certificate
-                self.verdict = _said(certificate)
+                rate = None if certificate.rate is None else significant_towards_zero(certificate.rate)
+                self.verdict = {"verdict": certificate.verdict.value, "text": certificate.reason, "rate": rate}
             return certificate
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
@@ -206,14 +207,6 @@ def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
     states = [[target - radius, target + radius] for target in problem.target]
     region: dict[str, Any] = {"initial_states": states[0] if problem.m == 1 else states}
     return region | ({} if disturbance is None else {"initial_disturbance": disturbance})
-
-
-def _said(certificate: Certificate) -> dict[str, Any]:
-    return {
-        "verdict": certificate.verdict.value,
-        "text": certificate.reason,
-        "rate": None if certificate.rate is None else significant_towards_zero(certificate.rate),
-    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,6 @@ Handed arrays; where several cases fall on one place their median is drawn, and 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -60,8 +59,11 @@ def heat_map(x: Places, y: Places, value: Array, outcome: Sequence[str], *, labe
         bar.set_label(label)
         _name_axis(ax, x, along="x")
         _name_axis(ax, y, along="y")
-        if grid.size <= MOST_MARKS:
-            _sign(ax, x, y, grid, signs)
+        bright = np.nanmean([np.nanmin(grid), np.nanmax(grid)]) if np.isfinite(grid).any() else 0.0
+        for row, column in np.ndindex(grid.shape) if grid.size <= MOST_MARKS else ():
+            sign, colour = MARKS.get(signs[row][column], ("",))[0], "white" if grid[row, column] < bright else INK
+            if sign:
+                ax.text(x.ticks[column], y.ticks[row], sign, ha="center", va="center", color=colour, fontsize=8)
         present = {each for row in signs for each in row}
         told = ", ".join(f"{sign} {name}" for name, (sign, _, _) in MARKS.items() if sign and name in present)
         white = {signs[row][column] for row, column in np.argwhere(~np.isfinite(grid)).tolist()}
@@ -150,14 +152,6 @@ def _edges(axis: Places) -> Array:
     first, last = (middle[0], middle[-1]) if len(ticks) > 1 else (ticks[0] + 0.5, ticks[0] - 0.5)
     borders = np.concatenate([[2 * ticks[0] - first], middle, [2 * ticks[-1] - last]])
     return np.exp(borders) if axis.even_ratios else borders
-
-
-def _sign(ax: Axes, x: Places, y: Places, grid: Array, signs: Sequence[Sequence[str]]) -> None:
-    bright = np.nanmean([np.nanmin(grid), np.nanmax(grid)]) if np.isfinite(grid).any() else 0.0
-    for (row, v), (column, u) in itertools.product(enumerate(y.ticks), enumerate(x.ticks)):
-        if signs[row][column] and MARKS[signs[row][column]][0]:
-            colour = "white" if grid[row, column] < bright else INK
-            ax.text(u, v, MARKS[signs[row][column]][0], ha="center", va="center", color=colour, fontsize=8)
 
 
 def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:

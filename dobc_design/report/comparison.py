@@ -62,12 +62,16 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         "These pages show what the two certificates claim. For each of them, dobc verify certificate.json --problem"
         " problem.json decides every claim again in exact arithmetic."
     )
+    identity = []
+    for letter, each in sides:
+        identity.append((letter, f"{each.problem.name}, decided by dobc_design {each.claims.version}"))
+        identity.append((f"SHA-256 of problem {letter}", each.claims.problem_sha256))
     return doc.Document(
         kind="Two certificates of consensus, side by side",
         name=f"{a} and {b}, compared",
         title=f"{a} and {b}, compared",
         verdict=doc.Box(mark=doc.Mark("", "compared"), word=conclusion(first, second), reason=told),
-        identity=[row for letter, each in sides for row in _identity(letter, each)],
+        identity=identity,
         footer=f"A: {words.shortened(a, LONGEST_NAME)} · B: {words.shortened(b, LONGEST_NAME)}, compared",
         blocks=(
             doc.in_markdown(doc.List(verdicts), summary),
@@ -180,14 +184,9 @@ def _starts(first: Certificate, second: Certificate) -> Iterator[doc.Section]:
     )
     rows = [(name, a.get(name, ABSENT), b.get(name, ABSENT)) for name in {**a, **b}]
     if rows:
-        columns = ("method", *(doc.Column(side, width=1.3) for side in SIDES))
+        columns = [doc.Column("method"), *(doc.Column(side, width=1.3) for side in SIDES)]
         table = _marked("Certified starts, method by method", columns, rows)
         yield doc.Section("From which starts", (table,), "starts", "Starts")
-
-
-def _identity(letter: str, certificate: Certificate) -> Iterator[tuple[str, str]]:
-    yield letter, f"{certificate.problem.name}, decided by dobc_design {certificate.claims.version}"
-    yield f"SHA-256 of problem {letter}", certificate.claims.problem_sha256
 
 
 def _networks(sides: Sequence[tuple[str, Certificate]]) -> Iterator[doc.Block]:

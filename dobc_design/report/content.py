@@ -84,6 +84,7 @@ def report_document(
     problem, again, verdict = certificate.problem, checks.reproduction(certificate), certificate.verdict
     mark, facts = words.mark_of(verdict), tuple(_facts(certificate))
     identity = checks.title_block(certificate, again)
+    verdicts = doc.Terms([(words.mark_of(each), "", words.MEANINGS[each]) for each in Verdict])
     return doc.Document(
         kind="Certificate of consensus",
         name=problem.name,
@@ -107,7 +108,7 @@ def report_document(
             *_simulation(certificate, trajectory),
             checks.trace_section(certificate.checks),
             checks.recheck_section(certificate, again),
-            _glossary(),
+            doc.Section("Glossary", (verdicts, doc.on_pages(doc.Terms(_WORDS))), "glossary"),
             checks.signatures_section(),
         ),
     )
@@ -373,8 +374,3 @@ def _simulation(certificate: Certificate, trajectory: Trajectory | None) -> Iter
     page = (note, doc.Pictures(drawn)) if drawn else ()
     blocks = (doc.in_markdown(doc.Text(told), table), doc.on_pages(*page))
     yield doc.Section("A simulation", blocks, "simulation", "Simulation")
-
-
-def _glossary() -> doc.Section:
-    verdicts = doc.Terms([(words.mark_of(verdict), "", words.MEANINGS[verdict]) for verdict in Verdict])
-    return doc.Section("Glossary", (verdicts, doc.on_pages(doc.Terms(_WORDS))), "glossary")

@@ -174,9 +174,9 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     chosen = drawn_agents(regions)
     for column, agent in enumerate(chosen):
         goal = agent.goal or 0.0
-        fill, edge, label = (BLUE, BLUE, "pinned") if agent.pinned else ("none", MUTED, "not pinned")
+        fill, outline, label = (BLUE, BLUE, "pinned") if agent.pinned else ("none", MUTED, "not pinned")
         low, size = goal - agent.bound, 2 * agent.bound
-        bar = ax.bar(column, size, bottom=low, width=0.56, zorder=2, linewidth=1.2, color=fill, edgecolor=edge)
+        bar = ax.bar(column, size, bottom=low, width=0.56, zorder=2, linewidth=1.2, color=fill, edgecolor=outline)
         bar.set_label(label)
         ax.plot([column - 0.36, column + 0.36], [goal, goal], color=INK, linewidth=1.3, zorder=3, label="goal")
     if asked is not None:

@@ -41,7 +41,7 @@ MOST_MODES = 6
 MOST_AGENTS, MOST_ARCS = 300, 1500  # of a network that is drawn; beyond, it would be a grey ball
 ALONE: Final = 5.2  # inches, of one drawing in a file
 _NAMES = ("ink", "muted", "grid", "paper", "blue", "vermillion", "green", "purple")
-VARIABLES = {getattr(look, name.upper()): name for name in _NAMES}
+VARIABLES = {(colour := getattr(look, name.upper())): f"var(--figure-{name}, {colour})" for name in _NAMES}
 _FONT = re.compile(r"font-family:[^;]*")
 _LONG_DECIMAL = re.compile(r"-?\d+\.\d{3,}")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
@@ -66,7 +66,13 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
         alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, pinned: "
         alt += names_in_words([labels[i] for i in pinned])
         alt += f"; not reached: {names_in_words([labels[i] for i in sorted(lost)])}." if lost else "."
-        settings = {"labels": labels, "arcs": arcs, "places": places, "pinned": pinned, "unreached": lost}
+        settings: dict[str, Any] = {
+            "labels": labels,
+            "arcs": arcs,
+            "places": places,
+            "pinned": pinned,
+            "unreached": lost,
+        }
         drawn.append(
             Picture(
                 name=f"network-{place + 1}",
@@ -350,14 +356,10 @@ def _attribute(key: str, value: str, names: dict[str, str]) -> str:
     value = _REFERENCE.sub(lambda match: f"url(#{names[match.group(1)]})", value)
     if key == "style":
         value = _FONT.sub("font-family: inherit", value)
-        value = _COLOUR.sub(lambda match: _variable(match.group()), value)
+        value = _COLOUR.sub(lambda match: VARIABLES.get(match[0], match[0]), value)
     if key == "d":
         value = " ".join(value.split())
     return _LONG_DECIMAL.sub(lambda match: f"{float(match.group()):.2f}".rstrip("0").rstrip("."), value)
-
-
-def _variable(colour: str) -> str:
-    return f"var(--figure-{VARIABLES[colour]}, {colour})" if colour in VARIABLES else colour
 
 
 def _local(name: str) -> str:

@@ -345,19 +345,16 @@ def equilibrium_sentences(search: Falsification) -> list[str]:
     for claim in search.proved:
         size = max(abs(float(x)) for x in claim.middle)
         resting = next((each for each in search.suspects if each.equilibrium is claim), None)
-        place = "" if resting is None else f", x = {_states(resting)}"
+        place = ""
+        if resting is not None:
+            shown = [", ".join(map(number, row)) for row in resting.start[:MOST_STATES].tolist()]
+            place = f", x = ({'; '.join(shown)}{', …' if len(resting.start) > MOST_STATES else ''})"
         told.append(f"Proved: in mode {claim.mode} the agents may also rest at |e|∞ ≈ {number(size)}{place}.")
     if told:
         told.append("No proof of consensus can reach there, and none of this certificate does.")
         if search.check is not None:
             told.append("The region asked for holds such a place and is therefore refuted.")
     return told
-
-
-def _states(suspect: Suspect) -> str:
-    """The first states, agent by agent."""
-    shown = [", ".join(number(x) for x in row) for row in suspect.start[:MOST_STATES].tolist()]
-    return f"({'; '.join(shown)}{', …' if len(suspect.start) > MOST_STATES else ''})"
 
 
 def suspects_table(search: Falsification) -> doc.Table:

@@ -63,7 +63,8 @@ def heat_map(x: Places, y: Places, value: Array, outcome: Sequence[str], *, labe
         for row, column in np.ndindex(grid.shape) if grid.size <= MOST_MARKS else ():
             sign, colour = MARKS.get(signs[row][column], ("",))[0], "white" if grid[row, column] < bright else INK
             if sign:
-                ax.text(x.ticks[column], y.ticks[row], sign, ha="center", va="center", color=colour, fontsize=8)
+                at = float(x.ticks[column]), float(y.ticks[row])
+                ax.text(*at, sign, ha="center", va="center", color=colour, fontsize=8)
         present = {each for row in signs for each in row}
         told = ", ".join(f"{sign} {name}" for name, (sign, _, _) in MARKS.items() if sign and name in present)
         white = {signs[row][column] for row, column in np.argwhere(~np.isfinite(grid)).tolist()}

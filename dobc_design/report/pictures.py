@@ -66,19 +66,13 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
         alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, pinned: "
         alt += names_in_words([labels[i] for i in pinned])
         alt += f"; not reached: {names_in_words([labels[i] for i in sorted(lost)])}." if lost else "."
-        settings: dict[str, Any] = {
-            "labels": labels,
-            "arcs": arcs,
-            "places": places,
-            "pinned": pinned,
-            "unreached": lost,
-        }
+        settings: dict[str, Any] = {"labels": labels, "arcs": arcs, "places": places, "pinned": pinned}
         drawn.append(
             Picture(
                 name=f"network-{place + 1}",
                 title=f"Mode {name}",
                 alt=alt,
-                draw=partial(figures.draw_network, **settings),
+                draw=partial(figures.draw_network, unreached=lost, **settings),
                 width=3.4,
                 height=3.4 * figures.proportions(places),
             )

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.problem.canonical import canonical_document
@@ -17,7 +16,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
 from dobc_design.report import words
 from dobc_design.report.pictures import network_pictures
-from dobc_design.report.region_words import method_name, starts_words
+from dobc_design.report.region_words import lower, method_name, starts_words
 from dobc_design.verdict import Verdict
 
 SIDES, ABSENT = ("A", "B"), "–"
@@ -94,7 +93,7 @@ def conclusion(first: Certificate, second: Certificate) -> str:
     if a == b:
         return "Both are proved, at the same certified rate."
     better, worse = ("A", "B") if a > b else ("B", "A")
-    high, low = _number(max(a, b)), _number(min(a, b))
+    high, low = lower(max(a, b)), lower(min(a, b))
     return f"Both are proved. {better} has the larger certified rate, {high} against {low} 1/s of {worse}."
 
 
@@ -114,7 +113,7 @@ def _proved(certificate: Certificate) -> str:
 FACTS: tuple[tuple[str, Callable[[Certificate], str]], ...] = (
     ("verdict", lambda each: each.verdict.value),
     ("holds for", _holds_for),
-    ("certified rate in 1/s", lambda each: _number(each.rate)),
+    ("certified rate in 1/s", lambda each: lower(each.rate)),
     ("carried by", _carrier),
     ("agents", lambda each: str(each.problem.n)),
     ("modes", lambda each: str(len(each.problem.network.modes))),
@@ -169,11 +168,7 @@ def _compared(pair: Sequence[Check | None]) -> tuple[doc.Cell, ...]:
     verdicts = [ABSENT if each is None else words.mark_of(each.verdict) for each in pair]
     margins = [None if each is None else each.margin for each in pair]
     rates = [None if each is None else each.rate for each in pair]
-    return (doc.Name((check.kind.name, *mode)), *verdicts, *map(_number, (*margins, *rates)))
-
-
-def _number(value: float | None) -> str:
-    return words.typeset(significant_towards_zero(value))
+    return (doc.Name((check.kind.name, *mode)), *verdicts, *map(lower, (*margins, *rates)))
 
 
 def _starts(first: Certificate, second: Certificate) -> Iterator[doc.Section]:

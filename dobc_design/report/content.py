@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from dobc_design._show.text import latex_matrix, latex_number, significant_towards_zero
+from dobc_design._show.text import latex_matrix, latex_number
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
@@ -13,7 +13,7 @@ from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.problem import Problem
 from dobc_design.report import checks, pictures, words
 from dobc_design.report import document as doc
-from dobc_design.report.region_words import region_section, search_sections, settling_section
+from dobc_design.report.region_words import lower, region_section, search_sections, settling_section
 from dobc_design.report.words import number
 from dobc_design.verdict import Verdict
 
@@ -118,7 +118,7 @@ def _facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
     if certificate.verdict is Verdict.PROVED:
         domain, rate = words.covering_domain(certificate), certificate.rate
         yield "Holds", words.domain_words(domain) if domain is not None else "–"
-        yield "Certified rate", "–" if rate is None else f"{words.typeset(significant_towards_zero(rate))} 1/s"
+        yield "Certified rate", "–" if rate is None else f"{lower(rate)} 1/s"
         yield "Carried by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"
     yield "Checks", words.verdict_counts(certificate.checks) or "none"
     yield "Agents", str(certificate.problem.n)

@@ -24,7 +24,7 @@ from dobc_design.conditions.schedule.settling import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
 from dobc_design.plotting import look
 from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, PURPLE, SERIES, VERMILLION, short
-from dobc_design.report.region_words import KINDS_OF_STARTS, MOST_SUSPECTS, lower, method_name
+from dobc_design.report.region_words import MOST_SUSPECTS, STARTS, lower, method_name
 from dobc_design.report.words import common_offsets
 
 Positions = NDArray[np.float64]
@@ -140,7 +140,7 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
 def _draw_reach(ax: Axes, row: int, claim: RegionClaim, reach: float) -> None:
     """The bar of one method; where there is no radius, words in its place."""
     begin, colour, ground = reach * 0.02, MUTED, PAPER
-    note = "nothing proved" if claim.kind == "none" else KINDS_OF_STARTS[claim.kind]
+    note = "nothing proved" if claim.kind == "none" else STARTS[claim.kind]
     if claim.kind == "everywhere":
         ax.barh(row, reach, height=0.52, color=BLUE)
         colour, ground = PAPER, ""

@@ -27,13 +27,7 @@ from dobc_design.report.words import capitalize_first, mark_of, names_in_words, 
 from dobc_design.verdict import Verdict
 
 NONE: Final = "–"
-KINDS_OF_STARTS: Final = {
-    "everywhere": "every start",
-    "box": "box",
-    "ball": "ball",
-    "near": "near the target, no radius",
-    "none": NONE,
-}
+STARTS = {"everywhere": "every start", "box": "box", "ball": "ball", "near": "near the target, no radius", "none": NONE}
 MOST_SUSPECTS: Final = 8
 MOST_STATES: Final = 6  # agents whose states a sentence tells
 _SEVERAL: Final = 3  # modes that are named
@@ -90,7 +84,7 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
         regions.claims,
         doc.Column("method", lambda claim: doc.Name((method_name(claim),), id=claim.id), 1.1),
         doc.Column("verdict", lambda claim: mark_of(claim.verdict), 0),
-        doc.Column("certified", lambda claim: KINDS_OF_STARTS[claim.kind], only=markdown),
+        doc.Column("certified", lambda claim: STARTS[claim.kind], only=markdown),
         doc.Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box), only=markdown),
         doc.Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball), only=markdown),
         doc.Column("|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()),
@@ -116,7 +110,7 @@ def starts_words(claim: RegionClaim) -> str:
         return f"box |e|∞ ≤ {lower(claim.box)}{errors}"
     if claim.kind == "ball":
         return f"ball |e|₂ ≤ {lower(claim.ball)}{errors}; it holds the box |e|∞ ≤ {lower(claim.box)}"
-    return KINDS_OF_STARTS[claim.kind]
+    return STARTS[claim.kind]
 
 
 def size_words(claim: RegionClaim, value: float | None) -> str:

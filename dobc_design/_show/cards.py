@@ -126,9 +126,9 @@ def cut(text: str, longest: int = LONGEST_TEXT) -> str:
     return text if len(text) <= longest else f"{text[: longest - 2]} …"
 
 
-def listed(items: Iterable[Any], *, count: int | None = None, most: int = MOST_ITEMS) -> str:
+def listed(items: Iterable[Any], *, count: int | None = None) -> str:
     """Items as text, the first few of them; ``count`` is how many there are where ``items`` has no length."""
-    shown = [plain(item, quoted=False) for item in islice(items, most)]
+    shown = [plain(item, quoted=False) for item in islice(items, MOST_ITEMS)]
     known = len(items) if isinstance(items, (Sequence, AbstractSet, Mapping)) else len(shown)
     more = (known if count is None else count) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more > 0 else "")

@@ -162,11 +162,11 @@ def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
-def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> None:
-    """A legend above the axes, where there are ``least`` entries, each once; in two columns beyond ``widest``."""
+def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> Axes:
+    """The axes, above them a legend of at least ``least`` entries, each once; in two columns beyond ``widest``."""
     entries = {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     if len(entries) < least:
-        return
+        return ax
     legend = ax.legend(
         list(entries.values()),
         list(entries),
@@ -179,3 +179,4 @@ def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int =
     )
     for text in legend.get_texts():
         text.set_parse_math(False)
+    return ax

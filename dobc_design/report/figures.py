@@ -71,8 +71,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     else:
         ax.margins(y=0.15)
     ax.set(xlabel="Re λ in 1/s", ylabel="Im λ in 1/s")
-    look.legend_above(ax)
-    return ax
+    return look.legend_above(ax)
 
 
 def plot_lambda(ax: Axes, spectra: Mapping[str, ArrayLike], *, bounds: Mapping[str, float] | None = None) -> Axes:
@@ -133,8 +132,7 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
     _name_rows(ax, ["\n".join(short(part, _LONGEST) for part in (first, rest) if part) for first, _, rest in names])
     ax.tick_params(axis="y", length=0)
     ax.set_xlabel("distance from the goals at the start, in the unit of x")
-    look.legend_above(ax, least=1)
-    return ax
+    return look.legend_above(ax, least=1)
 
 
 def _draw_reach(ax: Axes, row: int, claim: RegionClaim, reach: float) -> None:
@@ -196,8 +194,7 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     ax.set_xlabel("agent")
     in_states = all(agent.goal is not None for agent in agents)
     ax.set_ylabel("xᵢ(0), in its own unit" if in_states else "error at the start")
-    look.legend_above(ax, widest=4, least=1)
-    return ax
+    return look.legend_above(ax, widest=4, least=1)
 
 
 def plot_envelope(ax: Axes, settling: Settling) -> Axes:
@@ -220,8 +217,7 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     ax.minorticks_off()
     ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
-    look.legend_above(ax, widest=2)
-    return ax
+    return look.legend_above(ax, widest=2)
 
 
 def plot_search(ax: Axes, search: Falsification) -> Axes:

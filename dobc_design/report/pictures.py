@@ -91,10 +91,8 @@ def _network_legend(labels: Sequence[str], modes: int, *, lost: bool) -> str:
     return text + (f" The first {MOST_MODES} of {modes} modes are drawn." if modes > MOST_MODES else "")
 
 
-def eigenvalue_pictures(certificate: Certificate, analysis: Analysis | None) -> Iterator[Picture]:
+def eigenvalue_pictures(certificate: Certificate, analysis: Analysis) -> Iterator[Picture]:
     """Spectra of A - WC, of Lambda and of J - K."""
-    if analysis is None:
-        return
     if analysis.spectrum is not None:
         values = np.array(analysis.spectrum.eigenvalues)
         yield Picture(
@@ -151,9 +149,9 @@ def _listed(values: Values) -> str:
     return ", ".join(shown) + (" and more" if len(values) > 8 else "")
 
 
-def simulation_pictures(certificate: Certificate, trajectory: Trajectory | None) -> Iterator[Picture]:
-    """States, estimates and error of one simulation."""
-    if trajectory is None or len(trajectory.times) < 2:
+def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Iterator[Picture]:
+    """States, estimates and error of one simulation; nothing where it ended at its start."""
+    if len(trajectory.times) < 2:
         return
     for component in range(min(certificate.problem.m, runs.MOST_COMPONENTS)):
         yield _state_picture(certificate.problem, trajectory, component)

@@ -261,7 +261,8 @@ def cured(certificate_of, certificate):
     return certificate_of(checks=tuple(checks), verdict=Verdict.REFUTED, rate=None, covered_by=None)
 
 
-def test_the_main_cure_stands_once_above_the_table_with_its_lines_and_the_command(cured):
+def test_the_main_cure_stands_once_above_the_table_with_its_lines_and_the_command(cured, certificate):
+    assert 'id="cure"' not in html_report(certificate)
     page = Page(html_report(cured))
     assert page.wrong == []
     assert page.text.count("Pin agent 3 too.") == 1
@@ -270,7 +271,3 @@ def test_the_main_cure_stands_once_above_the_table_with_its_lines_and_the_comman
         assert words in page.text
     assert page.text.count("named above.") == 2
     assert "Pin one of them." in page.text  # the cure of another check stays with it
-
-
-def test_without_a_cure_there_is_no_section_for_it(certificate):
-    assert 'id="cure"' not in html_report(certificate)

@@ -94,7 +94,11 @@ def html_of(card: Card) -> str:
     if card.facts:
         parts.append(_facts_html(card.facts))
     if card.rows or card.hidden:
-        parts.append(_table_html(card))
+        heads = "".join(f'<th scope="col">{escape_html(head)}</th>' for head in card.heads)
+        rows = ["".join(f"<td>{value_html(cell)}</td>" for cell in row) for row in card.rows[:MOST_ROWS]]
+        body = "".join(f"<tr>{cells}</tr>" for cells in rows)
+        parts.append(f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>")
+        parts.append(_more(card.hidden + max(0, len(card.rows) - MOST_ROWS)))
     parts += [f"<p>{escape_html(cut(line))}</p>" for line in card.lines[:MOST_ITEMS]]
     parts.append(_more(len(card.lines) - MOST_ITEMS))
     return f'<div class="dobc-shown">{STYLE}{"".join(parts)}</div>'
@@ -122,9 +126,9 @@ def cut(text: str, longest: int = LONGEST_TEXT) -> str:
     return text if len(text) <= longest else f"{text[: longest - 2]} …"
 
 
-def listed(items: Iterable[Any], *, count: int | None = None, most: int = MOST_ITEMS) -> str:
+def listed(items: Iterable[Any], *, count: int | None = None) -> str:
     """Items as text, the first few of them; ``count`` is how many there are where ``items`` has no length."""
-    shown = [plain(item, quoted=False) for item in islice(items, most)]
+    shown = [plain(item, quoted=False) for item in islice(items, MOST_ITEMS)]
     known = len(items) if isinstance(items, (Sequence, AbstractSet, Mapping)) else len(shown)
     more = (known if count is None else count) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
@@ -161,7 +165,7 @@ def plain(value: object, *, quoted: bool = True) -> str:
     return cut(repr(value) if quoted else str(value), 200)
 
 
-def value_html(value: object) -> str:
+def value_html(value: Any) -> str:
     """One value as HTML: mathematics as MathML, a nested card as a table, everything else as escaped text."""
     if value is None:
         return "–"
@@ -189,15 +193,6 @@ def value_html(value: object) -> str:
 def _facts_html(facts: Sequence[tuple[str, Any]]) -> str:
     rows = [f'<tr><th scope="row">{escape_html(x)}</th><td>{value_html(y)}</td></tr>' for x, y in facts[:MOST_FACTS]]
     return f"<table><tbody>{''.join(rows)}</tbody></table>{_more(len(facts) - MOST_FACTS)}"
-
-
-def _table_html(card: Card) -> str:
-    heads = "".join(f'<th scope="col">{escape_html(head)}</th>' for head in card.heads)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{value_html(cell)}</td>" for cell in row) + "</tr>" for row in card.rows[:MOST_ROWS]
-    )
-    more = _more(card.hidden + max(0, len(card.rows) - MOST_ROWS))
-    return f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>{more}"
 
 
 def _more(count: int) -> str:

@@ -67,9 +67,9 @@ def _directed(value: float | Fraction | None, digits: int, rounding: str) -> str
     return f"{float(shown):.{digits}g}"
 
 
-def latex_number(value: Fraction, *, longest: int = 12) -> str:
+def latex_number(value: Fraction) -> str:
     """LaTeX of a rational: 16/5 as a fraction, long ones as a decimal marked approximate."""
-    top, bottom = value.numerator, value.denominator
+    top, bottom, longest = value.numerator, value.denominator, 12
     if max(top.bit_length(), bottom.bit_length()) <= 4 * longest:
         if bottom == 1 and len(str(top)) <= longest:
             return str(top)
@@ -78,9 +78,9 @@ def latex_number(value: Fraction, *, longest: int = 12) -> str:
     return latex_decimal(value)
 
 
-def latex_decimal(value: float | Fraction, *, digits: int = 4) -> str:
+def latex_decimal(value: float | Fraction) -> str:
     """LaTeX of a rounded decimal, powers of ten written out."""
-    mantissa, _, exponent = significant(value, digits).partition("e")
+    mantissa, _, exponent = significant(value).partition("e")
     return rf"{mantissa}\cdot 10^{{{int(exponent)}}}" if exponent else mantissa
 
 

@@ -58,10 +58,9 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     stands now, ``certificate`` that of the last exact verdict, or None if something was moved since.  ``save`` writes a
     problem file.  Nothing else is kept: a new kernel and the same clicks give the same problem.
 
-    Parameters:
-        problem: Problem, path of a problem file, or name of a built-in problem; at most 200 agents, numbers as gains.
-        rate: the decay rate in 1/s that the previewed region has to have.
-        radius: starts within this distance of the target to begin with; default what the problem's region has, else 1.
+    ``problem``: Problem, path of a problem file, or name of a built-in problem; at most 200 agents, numbers as gains.
+    ``rate``: the decay rate in 1/s that the previewed region has to have.  ``radius``: starts within this distance of
+    the target to begin with; default what the problem's region has, else 1.
     Raises: SpecError for a problem that it cannot show.
     """
 
@@ -110,7 +109,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             certificate = certify(self.problem)
             if version == self.version:  # else it is out of date already
                 self.certificate = certificate
-                self.verdict = _said(certificate)
+                rate = None if certificate.rate is None else significant_towards_zero(certificate.rate)
+                self.verdict = {"verdict": certificate.verdict.value, "text": certificate.reason, "rate": rate}
             return certificate
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
@@ -206,14 +206,6 @@ def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
     states = [[target - radius, target + radius] for target in problem.target]
     region: dict[str, Any] = {"initial_states": states[0] if problem.m == 1 else states}
     return region | ({} if disturbance is None else {"initial_disturbance": disturbance})
-
-
-def _said(certificate: Certificate) -> dict[str, Any]:
-    return {
-        "verdict": certificate.verdict.value,
-        "text": certificate.reason,
-        "rate": None if certificate.rate is None else significant_towards_zero(certificate.rate),
-    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

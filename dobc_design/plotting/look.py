@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib import style
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import Locator, LogLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from dobc_design.errors import SpecError
@@ -134,6 +136,12 @@ def power_of_ten(value: float, _: object = None) -> str:
     return {0: "1", 1: "10", -1: "0.1"}.get(exponent, "10" + str(exponent).translate(_RAISED))
 
 
+def tick_numbers(axis: Axis, locator: Locator | None = None) -> None:
+    """Numbers along an axis, by default at 1, 2 and 5 of every decade."""
+    axis.set_major_locator(locator or LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+
+
 def short(name: object, longest: int = SHOWN_NAME) -> str:
     """Cut a name for a drawing."""
     text = str(name)
@@ -154,11 +162,11 @@ def thinned_rows(count: int, most: int = MOST_POINTS) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.intp))
 
 
-def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> None:
-    """A legend above the axes, where there are ``least`` entries, each once; in two columns beyond ``widest``."""
+def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int = 2) -> Axes:
+    """The axes, above them a legend of at least ``least`` entries, each once; in two columns beyond ``widest``."""
     entries = {label: handle for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     if len(entries) < least:
-        return
+        return ax
     legend = ax.legend(
         list(entries.values()),
         list(entries),
@@ -171,3 +179,4 @@ def legend_above(ax: Axes, *, right: bool = False, widest: int = 3, least: int =
     )
     for text in legend.get_texts():
         text.set_parse_math(False)
+    return ax

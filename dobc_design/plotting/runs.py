@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.errors import ShapeError
@@ -129,8 +129,7 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
     for agent in chosen:  # on top of all estimates
         ax.plot(times, run.d[rows, agent, 0], color=INK, linestyle=DOTTED, linewidth=1.3, label="d")
     ax.set_ylabel("d and estimate d̂\nin units of x per s")
-    look.legend_above(ax, right=True, widest=4)
-    return ax
+    return look.legend_above(ax, right=True, widest=4)
 
 
 def plot_errors(
@@ -154,8 +153,7 @@ def plot_errors(
         _draw_bound(ax, times[rows], np.where(visible, slope, np.nan), "slope of the certified rate")
     _decades(ax)
     ax.set_ylabel("errors\nin the unit of x")
-    look.legend_above(ax, right=True)
-    return ax
+    return look.legend_above(ax, right=True)
 
 
 def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: str) -> Axes:
@@ -224,8 +222,7 @@ def _decades(ax: Axes) -> None:
     if decades >= FEW_DECADES:
         ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     else:
-        ax.yaxis.set_major_locator(MaxNLocator(4) if decades < 0.5 else LogLocator(subs=(1, 2, 5)))
-        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        look.tick_numbers(ax.yaxis, MaxNLocator(4) if decades < 0.5 else None)
     ax.minorticks_off()
 
 

@@ -5,7 +5,6 @@ Handed arrays; where several cases fall on one place their median is drawn, and 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, StrMethodFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from dobc_design.plotting import look
@@ -60,8 +59,12 @@ def heat_map(x: Places, y: Places, value: Array, outcome: Sequence[str], *, labe
         bar.set_label(label)
         _name_axis(ax, x, along="x")
         _name_axis(ax, y, along="y")
-        if grid.size <= MOST_MARKS:
-            _sign(ax, x, y, grid, signs)
+        bright = np.nanmean([np.nanmin(grid), np.nanmax(grid)]) if np.isfinite(grid).any() else 0.0
+        for row, column in np.ndindex(grid.shape) if grid.size <= MOST_MARKS else ():
+            sign, colour = MARKS.get(signs[row][column], ("",))[0], "white" if grid[row, column] < bright else INK
+            if sign:
+                at = float(x.ticks[column]), float(y.ticks[row])
+                ax.text(*at, sign, ha="center", va="center", color=colour, fontsize=8)
         present = {each for row in signs for each in row}
         told = ", ".join(f"{sign} {name}" for name, (sign, _, _) in MARKS.items() if sign and name in present)
         white = {signs[row][column] for row, column in np.argwhere(~np.isfinite(grid)).tolist()}
@@ -152,14 +155,6 @@ def _edges(axis: Places) -> Array:
     return np.exp(borders) if axis.even_ratios else borders
 
 
-def _sign(ax: Axes, x: Places, y: Places, grid: Array, signs: Sequence[Sequence[str]]) -> None:
-    bright = np.nanmean([np.nanmin(grid), np.nanmax(grid)]) if np.isfinite(grid).any() else 0.0
-    for (row, v), (column, u) in itertools.product(enumerate(y.ticks), enumerate(x.ticks)):
-        if signs[row][column] and MARKS[signs[row][column]][0]:
-            colour = "white" if grid[row, column] < bright else INK
-            ax.text(u, v, MARKS[signs[row][column]][0], ha="center", va="center", color=colour, fontsize=8)
-
-
 def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:
     own = ax.xaxis if along == "x" else ax.yaxis
     if axis.even_ratios:
@@ -240,8 +235,7 @@ def _panel(ax: Axes, sweep: Any, *, tolerance: float, bottom: float, top: float)
     ax.set_xlabel(("never breaks; " if sweep.breaks is None else "") + UNITS.get(sweep.unit, f"in {sweep.unit}"))
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     if sweep.option not in LINEAR:
-        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ax.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        look.tick_numbers(ax.xaxis)
     elif sweep.option == "failures":
         ax.xaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set_xlim(0, float(sweep.severity[-1]) + 1)
@@ -292,8 +286,7 @@ def trade_off_sheet(
         heights = [y for y in (*ys, *([] if chosen is None else chosen[1:])) if y > 0]
         if heights and max(heights) > STEEP * min(heights):
             ax.set_yscale("log")
-            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+            look.tick_numbers(ax.yaxis)
             ax.minorticks_off()
         else:
             ax.set_ylim(bottom=0)

@@ -1,7 +1,6 @@
 """Two certificates side by side: their verdicts, checks and certified starts, and what differs between the problems.
 
-Problems are compared in the form in which problem.json holds them, so that what counts is the meaning of a file and
-not how it is written.
+Problems are compared as problem.json holds them: what counts is the meaning of a file and not how it is written.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.problem.canonical import canonical_document
@@ -18,18 +16,13 @@ from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
 from dobc_design.report import words
 from dobc_design.report.pictures import network_pictures
-from dobc_design.report.region_words import method_name, starts_words
+from dobc_design.report.region_words import lower, method_name, starts_words
 from dobc_design.verdict import Verdict
 
-SIDES = ("A", "B")
-ABSENT = "–"
-MOST_ROWS = 150
-MOST_PICTURES = 4
-MOST_NOTES = 20
-MOST_DIFFERENCES = 60
+SIDES, ABSENT = ("A", "B"), "–"
+MOST_ROWS, MOST_PICTURES, MOST_NOTES, MOST_DIFFERENCES = 150, 4, 20, 60
 MOST_ARCS = 8  # arcs of one mode that are named one by one
-LONGEST_NAME = 30  # characters, in the footer
-LONGEST = 160  # characters of a value
+LONGEST_NAME, LONGEST = 30, 160  # characters of a name in the footer, and of a value
 TABLES = ("exosystem", "observer", "region", "switching", "simulation")
 
 Difference = tuple[str, str, str]  # a key, and its value in the first and in the second problem
@@ -68,12 +61,16 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         "These pages show what the two certificates claim. For each of them, dobc verify certificate.json --problem"
         " problem.json decides every claim again in exact arithmetic."
     )
+    identity = []
+    for letter, each in sides:
+        identity.append((letter, f"{each.problem.name}, decided by dobc_design {each.claims.version}"))
+        identity.append((f"SHA-256 of problem {letter}", each.claims.problem_sha256))
     return doc.Document(
         kind="Two certificates of consensus, side by side",
         name=f"{a} and {b}, compared",
         title=f"{a} and {b}, compared",
         verdict=doc.Box(mark=doc.Mark("", "compared"), word=conclusion(first, second), reason=told),
-        identity=[row for letter, each in sides for row in _identity(letter, each)],
+        identity=identity,
         footer=f"A: {words.shortened(a, LONGEST_NAME)} · B: {words.shortened(b, LONGEST_NAME)}, compared",
         blocks=(
             doc.in_markdown(doc.List(verdicts), summary),
@@ -96,7 +93,7 @@ def conclusion(first: Certificate, second: Certificate) -> str:
     if a == b:
         return "Both are proved, at the same certified rate."
     better, worse = ("A", "B") if a > b else ("B", "A")
-    high, low = _number(max(a, b)), _number(min(a, b))
+    high, low = lower(max(a, b)), lower(min(a, b))
     return f"Both are proved. {better} has the larger certified rate, {high} against {low} 1/s of {worse}."
 
 
@@ -116,7 +113,7 @@ def _proved(certificate: Certificate) -> str:
 FACTS: tuple[tuple[str, Callable[[Certificate], str]], ...] = (
     ("verdict", lambda each: each.verdict.value),
     ("holds for", _holds_for),
-    ("certified rate in 1/s", lambda each: _number(each.rate)),
+    ("certified rate in 1/s", lambda each: lower(each.rate)),
     ("carried by", _carrier),
     ("agents", lambda each: str(each.problem.n)),
     ("modes", lambda each: str(len(each.problem.network.modes))),
@@ -171,11 +168,7 @@ def _compared(pair: Sequence[Check | None]) -> tuple[doc.Cell, ...]:
     verdicts = [ABSENT if each is None else words.mark_of(each.verdict) for each in pair]
     margins = [None if each is None else each.margin for each in pair]
     rates = [None if each is None else each.rate for each in pair]
-    return (doc.Name((check.kind.name, *mode)), *verdicts, *map(_number, (*margins, *rates)))
-
-
-def _number(value: float | None) -> str:
-    return words.typeset(significant_towards_zero(value))
+    return (doc.Name((check.kind.name, *mode)), *verdicts, *map(lower, (*margins, *rates)))
 
 
 def _starts(first: Certificate, second: Certificate) -> Iterator[doc.Section]:
@@ -186,14 +179,9 @@ def _starts(first: Certificate, second: Certificate) -> Iterator[doc.Section]:
     )
     rows = [(name, a.get(name, ABSENT), b.get(name, ABSENT)) for name in {**a, **b}]
     if rows:
-        columns = ("method", *(doc.Column(side, width=1.3) for side in SIDES))
+        columns = [doc.Column("method"), *(doc.Column(side, width=1.3) for side in SIDES)]
         table = _marked("Certified starts, method by method", columns, rows)
         yield doc.Section("From which starts", (table,), "starts", "Starts")
-
-
-def _identity(letter: str, certificate: Certificate) -> Iterator[tuple[str, str]]:
-    yield letter, f"{certificate.problem.name}, decided by dobc_design {certificate.claims.version}"
-    yield f"SHA-256 of problem {letter}", certificate.claims.problem_sha256
 
 
 def _networks(sides: Sequence[tuple[str, Certificate]]) -> Iterator[doc.Block]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from dobc_design._show.text import latex_matrix, latex_number, significant_towards_zero
+from dobc_design._show.text import latex_matrix, latex_number
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
@@ -13,7 +13,7 @@ from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.problem import Problem
 from dobc_design.report import checks, pictures, words
 from dobc_design.report import document as doc
-from dobc_design.report.region_words import region_section, search_sections, settling_section
+from dobc_design.report.region_words import lower, region_section, search_sections, settling_section
 from dobc_design.report.words import number
 from dobc_design.verdict import Verdict
 
@@ -84,6 +84,7 @@ def report_document(
     problem, again, verdict = certificate.problem, checks.reproduction(certificate), certificate.verdict
     mark, facts = words.mark_of(verdict), tuple(_facts(certificate))
     identity = checks.title_block(certificate, again)
+    verdicts = doc.Terms([(words.mark_of(each), "", words.MEANINGS[each]) for each in Verdict])
     return doc.Document(
         kind="Certificate of consensus",
         name=problem.name,
@@ -107,7 +108,7 @@ def report_document(
             *_simulation(certificate, trajectory),
             checks.trace_section(certificate.checks),
             checks.recheck_section(certificate, again),
-            _glossary(),
+            doc.Section("Glossary", (verdicts, doc.on_pages(doc.Terms(_WORDS))), "glossary"),
             checks.signatures_section(),
         ),
     )
@@ -117,7 +118,7 @@ def _facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
     if certificate.verdict is Verdict.PROVED:
         domain, rate = words.covering_domain(certificate), certificate.rate
         yield "Holds", words.domain_words(domain) if domain is not None else "–"
-        yield "Certified rate", "–" if rate is None else f"{words.typeset(significant_towards_zero(rate))} 1/s"
+        yield "Certified rate", "–" if rate is None else f"{lower(rate)} 1/s"
         yield "Carried by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"
     yield "Checks", words.verdict_counts(certificate.checks) or "none"
     yield "Agents", str(certificate.problem.n)
@@ -373,8 +374,3 @@ def _simulation(certificate: Certificate, trajectory: Trajectory | None) -> Iter
     page = (note, doc.Pictures(drawn)) if drawn else ()
     blocks = (doc.in_markdown(doc.Text(told), table), doc.on_pages(*page))
     yield doc.Section("A simulation", blocks, "simulation", "Simulation")
-
-
-def _glossary() -> doc.Section:
-    verdicts = doc.Terms([(words.mark_of(verdict), "", words.MEANINGS[verdict]) for verdict in Verdict])
-    return doc.Section("Glossary", (verdicts, doc.on_pages(doc.Terms(_WORDS))), "glossary")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from fractions import Fraction
-from itertools import compress
+from itertools import chain, compress
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from dobc_design._show.text import latex_matrix
@@ -264,7 +264,7 @@ class Section(Block):
 
 @dataclass(frozen=True, slots=True)
 class Beside(Block):
-    """Parts beside each other where there is room, as equals or the second one wider."""
+    """Parts beside each other where there is room, as equals or the second one wider; on a page of HTML only."""
 
     parts: Sequence[Sequence[Block]]
     second_wider: bool = False
@@ -312,7 +312,7 @@ def table_of(caption: str, rows: Iterable[Any], *columns: Column, cards: bool = 
 
 
 def in_form(document: Document, form: Form) -> Document:
-    """The document as one form shows it: ``Only``, its columns and sections that are left empty are resolved."""
+    """The document as one form shows it: ``Only``, ``Beside``, its columns and sections left empty are resolved."""
     return replace(document, blocks=tuple(_chosen(document.blocks, form)))
 
 
@@ -325,8 +325,10 @@ def _chosen(blocks: Sequence[Block], form: Form) -> Iterator[Block]:
                 inner = tuple(_chosen(block.blocks, form))
                 if inner:
                     yield replace(block, blocks=inner)
-            case Beside():
-                yield replace(block, parts=tuple(tuple(_chosen(part, form)) for part in block.parts))
+            case Beside(parts) if form == "html":
+                yield replace(block, parts=tuple(tuple(_chosen(part, form)) for part in parts))
+            case Beside(parts):
+                yield from _chosen(list(chain.from_iterable(parts)), form)
             case Table():
                 kept = [form in column.only for column in block.columns]
                 rows = tuple(tuple(compress(row, kept)) for row in block.rows)

@@ -1,8 +1,7 @@
 """Plots of the report: functions that take data and axes, and return the axes.
 
-Eigenvalues, certified regions, settling times, searches, and the network: arrows point the way information flows,
-pinned agents are squares; positions say nothing, only who is joined to whom does.  They compute nothing but what a
-drawing needs.  What is drawn solid about a region is proved.  Names given by users are never read as mathematics.
+They compute nothing but what a drawing needs.  What is drawn solid about a region is proved.  In networks arrows point
+the way information flows, and positions say nothing.  Names given by users are never read as mathematics.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.falsification.suspect import RESTS, Falsification
 from dobc_design.plotting import look
 from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, PURPLE, SERIES, VERMILLION, short
-from dobc_design.report.region_words import KINDS_OF_STARTS, MOST_SUSPECTS, lower, method_name
+from dobc_design.report.region_words import MOST_SUSPECTS, STARTS, lower, method_name
 from dobc_design.report.words import common_offsets
 
 Positions = NDArray[np.float64]
@@ -72,8 +71,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     else:
         ax.margins(y=0.15)
     ax.set(xlabel="Re λ in 1/s", ylabel="Im λ in 1/s")
-    look.legend_above(ax)
-    return ax
+    return look.legend_above(ax)
 
 
 def plot_lambda(ax: Axes, spectra: Mapping[str, ArrayLike], *, bounds: Mapping[str, float] | None = None) -> Axes:
@@ -134,14 +132,13 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
     _name_rows(ax, ["\n".join(short(part, _LONGEST) for part in (first, rest) if part) for first, _, rest in names])
     ax.tick_params(axis="y", length=0)
     ax.set_xlabel("distance from the goals at the start, in the unit of x")
-    look.legend_above(ax, least=1)
-    return ax
+    return look.legend_above(ax, least=1)
 
 
 def _draw_reach(ax: Axes, row: int, claim: RegionClaim, reach: float) -> None:
     """The bar of one method; where there is no radius, words in its place."""
     begin, colour, ground = reach * 0.02, MUTED, PAPER
-    note = "nothing proved" if claim.kind == "none" else KINDS_OF_STARTS[claim.kind]
+    note = "nothing proved" if claim.kind == "none" else STARTS[claim.kind]
     if claim.kind == "everywhere":
         ax.barh(row, reach, height=0.52, color=BLUE)
         colour, ground = PAPER, ""
@@ -175,9 +172,9 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     chosen = drawn_agents(regions)
     for column, agent in enumerate(chosen):
         goal = agent.goal or 0.0
-        fill, edge, label = (BLUE, BLUE, "pinned") if agent.pinned else ("none", MUTED, "not pinned")
+        fill, outline, label = (BLUE, BLUE, "pinned") if agent.pinned else ("none", MUTED, "not pinned")
         low, size = goal - agent.bound, 2 * agent.bound
-        bar = ax.bar(column, size, bottom=low, width=0.56, zorder=2, linewidth=1.2, color=fill, edgecolor=edge)
+        bar = ax.bar(column, size, bottom=low, width=0.56, zorder=2, linewidth=1.2, color=fill, edgecolor=outline)
         bar.set_label(label)
         ax.plot([column - 0.36, column + 0.36], [goal, goal], color=INK, linewidth=1.3, zorder=3, label="goal")
     if asked is not None:
@@ -197,8 +194,7 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     ax.set_xlabel("agent")
     in_states = all(agent.goal is not None for agent in agents)
     ax.set_ylabel("xᵢ(0), in its own unit" if in_states else "error at the start")
-    look.legend_above(ax, widest=4, least=1)
-    return ax
+    return look.legend_above(ax, widest=4, least=1)
 
 
 def plot_envelope(ax: Axes, settling: Settling) -> Axes:
@@ -221,8 +217,7 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     ax.yaxis.set_major_formatter(FuncFormatter(look.power_of_ten))
     ax.minorticks_off()
     ax.set(xlabel="time t in s", ylabel="|e|∞, in the unit of x")
-    look.legend_above(ax, widest=2)
-    return ax
+    return look.legend_above(ax, widest=2)
 
 
 def plot_search(ax: Axes, search: Falsification) -> Axes:

@@ -134,8 +134,6 @@ def _shown(blocks: Sequence[doc.Block]) -> Iterator[str]:
             case doc.Section(title=title, blocks=inner):
                 yield f"{tex(title)}:"
                 yield from _shown(inner)
-            case doc.Beside(parts):
-                yield from chain.from_iterable(map(_shown, parts))
             case doc.Text(words):
                 yield tex(doc.plain(words))
                 if isinstance(after, (doc.Text, doc.Table)):

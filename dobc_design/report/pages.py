@@ -1,14 +1,9 @@
-"""A document as one HTML page and as Markdown.
-
-HTML: no script, no network, readable on paper, on a phone and in the dark.  Markdown: text and tables, formulas in
-LaTeX, no pictures.
-"""
+"""A document as one HTML page, without script and network, for paper, phones and the dark, and as Markdown."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import chain
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -68,9 +63,6 @@ def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
         case doc.Section(title=title, blocks=blocks):
             yield f"## {escape(title)}\n" if top else f"{escape(title)}:\n"
             for each in blocks:
-                yield from _lines(each)
-        case doc.Beside(parts):
-            for each in chain.from_iterable(parts):
                 yield from _lines(each)
         case doc.Text(words):
             yield _words(words) + "\n"

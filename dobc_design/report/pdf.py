@@ -115,8 +115,6 @@ def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, A
             case doc.Section(title=title, blocks=inner):
                 yield {"kind": "heading", "level": level, "text": soft(title)}
                 yield from _blocks(inner, level + 1)
-            case doc.Beside(parts):
-                yield from chain.from_iterable(_blocks(part, level) for part in parts)
             case doc.Box():
                 yield {"kind": "heading", "level": level, "text": soft(block.title)}
                 yield _text(f"{block.mark.symbol} {block.word}. {block.reason}")

@@ -1,8 +1,7 @@
 """Which figures a report has, each with its caption and its text alternative, and how one becomes SVG inside a page.
 
-The colours are those of Okabe and Ito that keep a contrast of 3:1 on white; in the SVG each is a CSS variable
-with the colour itself as fallback, so that a page may exchange them in the dark.  Text stays text.  The
-same drawing gives the same bytes: no date, no random identifiers.
+In the SVG each colour is a CSS variable with the colour itself as fallback, so that a page may exchange them in the
+dark.  Text stays text.  The same drawing gives the same bytes: no date, no random identifiers.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ MOST_MODES = 6
 MOST_AGENTS, MOST_ARCS = 300, 1500  # of a network that is drawn; beyond, it would be a grey ball
 ALONE: Final = 5.2  # inches, of one drawing in a file
 _NAMES = ("ink", "muted", "grid", "paper", "blue", "vermillion", "green", "purple")
-VARIABLES = {getattr(look, name.upper()): name for name in _NAMES}
+VARIABLES = {(colour := getattr(look, name.upper())): f"var(--figure-{name}, {colour})" for name in _NAMES}
 _FONT = re.compile(r"font-family:[^;]*")
 _LONG_DECIMAL = re.compile(r"-?\d+\.\d{3,}")
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
@@ -67,13 +66,13 @@ def network_pictures(certificate: Certificate) -> tuple[list[Picture], str]:
         alt = f"Network of mode {name}: {problem.n} agents, {len(arcs)} arcs, pinned: "
         alt += names_in_words([labels[i] for i in pinned])
         alt += f"; not reached: {names_in_words([labels[i] for i in sorted(lost)])}." if lost else "."
-        settings = {"labels": labels, "arcs": arcs, "places": places, "pinned": pinned, "unreached": lost}
+        settings: dict[str, Any] = {"labels": labels, "arcs": arcs, "places": places, "pinned": pinned}
         drawn.append(
             Picture(
                 name=f"network-{place + 1}",
                 title=f"Mode {name}",
                 alt=alt,
-                draw=partial(figures.draw_network, **settings),
+                draw=partial(figures.draw_network, unreached=lost, **settings),
                 width=3.4,
                 height=3.4 * figures.proportions(places),
             )
@@ -92,10 +91,8 @@ def _network_legend(labels: Sequence[str], modes: int, *, lost: bool) -> str:
     return text + (f" The first {MOST_MODES} of {modes} modes are drawn." if modes > MOST_MODES else "")
 
 
-def eigenvalue_pictures(certificate: Certificate, analysis: Analysis | None) -> Iterator[Picture]:
+def eigenvalue_pictures(certificate: Certificate, analysis: Analysis) -> Iterator[Picture]:
     """Spectra of A - WC, of Lambda and of J - K."""
-    if analysis is None:
-        return
     if analysis.spectrum is not None:
         values = np.array(analysis.spectrum.eigenvalues)
         yield Picture(
@@ -152,9 +149,9 @@ def _listed(values: Values) -> str:
     return ", ".join(shown) + (" and more" if len(values) > 8 else "")
 
 
-def simulation_pictures(certificate: Certificate, trajectory: Trajectory | None) -> Iterator[Picture]:
-    """States, estimates and error of one simulation."""
-    if trajectory is None or len(trajectory.times) < 2:
+def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Iterator[Picture]:
+    """States, estimates and error of one simulation; nothing where it ended at its start."""
+    if len(trajectory.times) < 2:
         return
     for component in range(min(certificate.problem.m, runs.MOST_COMPONENTS)):
         yield _state_picture(certificate.problem, trajectory, component)
@@ -351,14 +348,10 @@ def _attribute(key: str, value: str, names: dict[str, str]) -> str:
     value = _REFERENCE.sub(lambda match: f"url(#{names[match.group(1)]})", value)
     if key == "style":
         value = _FONT.sub("font-family: inherit", value)
-        value = _COLOUR.sub(lambda match: _variable(match.group()), value)
+        value = _COLOUR.sub(lambda match: VARIABLES.get(match[0], match[0]), value)
     if key == "d":
         value = " ".join(value.split())
     return _LONG_DECIMAL.sub(lambda match: f"{float(match.group()):.2f}".rstrip("0").rstrip("."), value)
-
-
-def _variable(colour: str) -> str:
-    return f"var(--figure-{VARIABLES[colour]}, {colour})" if colour in VARIABLES else colour
 
 
 def _local(name: str) -> str:

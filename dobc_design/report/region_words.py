@@ -26,13 +26,7 @@ from dobc_design.report.words import capitalize_first, mark_of, names_in_words, 
 from dobc_design.verdict import Verdict
 
 NONE: Final = "–"
-KINDS_OF_STARTS: Final = {
-    "everywhere": "every start",
-    "box": "box",
-    "ball": "ball",
-    "near": "near the target, no radius",
-    "none": NONE,
-}
+STARTS = {"everywhere": "every start", "box": "box", "ball": "ball", "near": "near the target, no radius", "none": NONE}
 MOST_SUSPECTS: Final = 8
 MOST_STATES: Final = 6  # agents whose states a sentence tells
 _SEVERAL: Final = 3  # modes that are named
@@ -89,7 +83,7 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
         regions.claims,
         doc.Column("method", lambda claim: doc.Name((method_name(claim),), id=claim.id), 1.1),
         doc.Column("verdict", lambda claim: mark_of(claim.verdict), 0),
-        doc.Column("certified", lambda claim: KINDS_OF_STARTS[claim.kind], only=markdown),
+        doc.Column("certified", lambda claim: STARTS[claim.kind], only=markdown),
         doc.Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box), only=markdown),
         doc.Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball), only=markdown),
         doc.Column("|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()),
@@ -115,7 +109,7 @@ def starts_words(claim: RegionClaim) -> str:
         return f"box |e|∞ ≤ {lower(claim.box)}{errors}"
     if claim.kind == "ball":
         return f"ball |e|₂ ≤ {lower(claim.ball)}{errors}; it holds the box |e|∞ ≤ {lower(claim.box)}"
-    return KINDS_OF_STARTS[claim.kind]
+    return STARTS[claim.kind]
 
 
 def size_words(claim: RegionClaim, value: float | None) -> str:
@@ -344,19 +338,16 @@ def equilibrium_sentences(search: Falsification) -> list[str]:
     for claim in search.proved:
         size = max(abs(float(x)) for x in claim.middle)
         resting = next((each for each in search.suspects if each.equilibrium is claim), None)
-        place = "" if resting is None else f", x = {_states(resting)}"
+        place = ""
+        if resting is not None:
+            shown = [", ".join(map(number, row)) for row in resting.start[:MOST_STATES].tolist()]
+            place = f", x = ({'; '.join(shown)}{', …' if len(resting.start) > MOST_STATES else ''})"
         told.append(f"Proved: in mode {claim.mode} the agents may also rest at |e|∞ ≈ {number(size)}{place}.")
     if told:
         told.append("No proof of consensus can reach there, and none of this certificate does.")
         if search.check is not None:
             told.append("The region asked for holds such a place and is therefore refuted.")
     return told
-
-
-def _states(suspect: Suspect) -> str:
-    """The first states, agent by agent."""
-    shown = [", ".join(number(x) for x in row) for row in suspect.start[:MOST_STATES].tolist()]
-    return f"({'; '.join(shown)}{', …' if len(suspect.start) > MOST_STATES else ''})"
 
 
 def suspects_table(search: Falsification) -> doc.Table:

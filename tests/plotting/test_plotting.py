@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import subprocess
 import warnings
 
 import numpy as np
 import pytest
+from chromium import CHROMIUM, alone
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -19,8 +19,6 @@ from dobc_design.plotting import look
 from dobc_design.plotting.animation import animation_page
 from dobc_design.plotting.runs import plot_errors, trajectory_sheet
 from dobc_design.simulation.breaking import Breaking, PeriodLimit, Sweep
-
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
 @pytest.fixture(scope="module")
@@ -45,20 +43,16 @@ def by_label(sheet, beginning: str):
     return [ax for ax in sheet.figure.axes if ax.get_ylabel().startswith(beginning)]
 
 
-def test_a_trajectory_shows_band_states_estimates_and_errors(switched):
+def test_a_trajectory_shows_band_states_estimates_and_errors_each_with_its_unit(switched):
     axes = switched.plot().figure.axes
-    assert [ax.get_ylabel().split("\n")[0] for ax in axes] == ["mode", "xᵢ", "d and estimate d̂", "errors"]
+    assert [ax.get_ylabel().split("\n") for ax in axes] == [
+        ["mode"],
+        ["xᵢ", "in its own unit"],
+        ["d and estimate d̂", "in units of x per s"],
+        ["errors", "in the unit of x"],
+    ]
     assert axes[-1].get_yscale() == "log"
     assert axes[-1].get_xlabel() == "time t in s"
-
-
-def test_every_quantity_has_its_unit(switched):
-    axes = switched.plot().figure.axes
-    assert [ax.get_ylabel().split("\n")[1] for ax in axes[1:]] == [
-        "in its own unit",
-        "in units of x per s",
-        "in the unit of x",
-    ]
 
 
 def test_the_curves_are_the_samples(switched):
@@ -149,10 +143,8 @@ def test_a_run_with_one_mode_and_no_disturbance_has_fewer_panels():
 def test_many_graphs_are_shades_and_counted(swarm):
     band = by_label(swarm.plot(), "mode")[0]
     assert len(swarm.switches.names) > 6
-    assert (
-        band.get_title("left")
-        == f"{len(set(swarm.switches.modes.tolist()))} graphs, {len(swarm.switches) - 1} switches"
-    )
+    graphs = len(set(swarm.switches.modes.tolist()))
+    assert band.get_title("left") == f"{graphs} graphs, {len(swarm.switches) - 1} switches"
     assert len(by_label(swarm.plot(), "xᵢ")) == 2
 
 
@@ -204,34 +196,17 @@ def test_runs_at_the_edge_are_drawn_without_a_warning(name: str):
 
 
 def test_what_breaks_first_has_one_panel_per_option_with_its_border(switched):
-    sweep = Sweep(
-        option="noise",
-        unit="unit of x",
-        severity=np.array([0.1, 0.2, 0.4]),
-        relative=np.array([0.1, 0.2, 0.4]),
-        late=np.array([0.01, 0.05, np.inf]),
-        survives=0.2,
-        breaks=0.4,
-        relative_break=0.4,
+    def sweep(option: str, unit: str, severity: list[float], late: list[float]) -> Sweep:
+        sizes, (survives, breaks) = np.array(severity), severity[-2:]
+        limits = {"survives": survives, "breaks": breaks, "relative_break": breaks}
+        return Sweep(option=option, unit=unit, severity=sizes, relative=sizes, late=np.array(late), **limits)
+
+    sweeps = (
+        sweep("noise", "unit of x", [0.1, 0.2, 0.4], [0.01, 0.05, np.inf]),
+        sweep("period", "s", [0.1, 0.2], [0.01, 0.5]),
     )
-    period = Sweep(
-        option="period",
-        unit="s",
-        severity=np.array([0.1, 0.2]),
-        relative=np.array([1.0, 2.0]),
-        late=np.array([0.01, 0.5]),
-        survives=0.1,
-        breaks=0.2,
-        relative_break=2.0,
-    )
-    found = Breaking(
-        name="a_b$",
-        t_final=1.0,
-        tolerance=0.1,
-        sweeps=(sweep, period),
-        period=PeriodLimit(converges=0.15, fails=0.16, certified=0.05),
-        calm=switched,
-    )
+    period = PeriodLimit(converges=0.15, fails=0.16, certified=0.05)
+    found = Breaking(name="a_b$", t_final=1.0, tolerance=0.1, sweeps=sweeps, period=period, calm=switched)
     noise, sampling = found.plot().figure.axes[:2]
     assert noise.get_xlabel() == "in the unit of x"
     good = next(line for line in noise.get_lines() if line.get_marker() == "o")
@@ -335,21 +310,11 @@ def test_a_network_too_large_to_be_seen_is_refused():
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(BROWSER is None, reason="no browser is installed")
+@pytest.mark.skipif(CHROMIUM is None, reason="no browser is installed")
 def test_the_page_runs_in_a_browser_without_errors(swarm, tmp_path):
     """The script itself writes the time of its frame into the page."""
     (tmp_path / "run.html").write_text(animation_page(swarm), encoding="utf-8")
-    options = [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--disable-dev-shm-usage",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--virtual-time-budget=1500",
-        "--enable-logging=stderr",
-    ]
-    command = [str(BROWSER), *options, "--dump-dom", (tmp_path / "run.html").as_uri()]
+    command = alone("--virtual-time-budget=1500", "--dump-dom", (tmp_path / "run.html").as_uri())
     done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=120)
     shown = re.search(r'<output id="now">([^<]*)</output>', done.stdout)
     assert re.fullmatch(r"t = \d+\.\d\d s, graph \d+", shown[1])

@@ -52,60 +52,45 @@ def ring_problem(n: int = 10, **changes: Any) -> Problem:
 
 def ring_checks(problem: Problem) -> tuple[Check, ...]:
     """One check of every kind of content: numbers, exact values, witnesses, cures, all three verdicts."""
-    mode = next(iter(problem.network.modes))
+    mode, labels = next(iter(problem.network.modes)), problem.network.labels
+    proved, refuted, undecided = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+    routh, bound = Values({"routh": ["1", "16/5", "44/5"]}), Values({"bound": "-1/20", "S": [["1/20"]]})
+    printed, vector = (
+        Values({"bound": "-9/8", "S": [["9/8"]]}),
+        Witness(kind="vector", values=tuple(map(str, range(30)))),
+    )
+    alone = Witness(kind="agents", labels=labels[1:3])
+    fix = Fix(kind="pin", set={"pinning.gains.2": 1, "observer.W": None}, text="Pin one of them.")
+    box = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
     return (
-        Check(id="observability", verdict=Verdict.PROVED, domain="global", reason="(A, C) is observable."),
-        Check(
-            id="hurwitz",
-            verdict=Verdict.PROVED,
-            domain="global",
-            rate=1.59999,
-            reason="A - WC is Hurwitz.",
-            claim=Values({"routh": ["1", "16/5", "44/5"]}),
-        ),
-        Check(
-            id="reachability",
-            mode=mode,
-            verdict=Verdict.REFUTED,
-            domain="global",
-            reason="somebody is alone.",
-            witness=Witness(kind="agents", labels=problem.network.labels[1:3]),
-            fix=Fix(kind="pin", set={"pinning.gains.2": 1, "observer.W": None}, text="Pin one of them."),
-        ),
-        Check(
-            id="lemma1",
-            mode=mode,
-            verdict=Verdict.PROVED,
-            domain="consensus",
-            margin=0.58229999,
-            rate=0.29,
-            reason="Lambda(J) < 0.",
-        ),
-        Check(
-            id="theorem1-printed",
-            verdict=Verdict.REFUTED,
-            domain="consensus",
+        one("observability", proved, "global", "(A, C) is observable."),
+        one("hurwitz", proved, "global", "A - WC is Hurwitz.", rate=1.59999, claim=routh),
+        one("reachability", refuted, "global", "somebody is alone.", mode=mode, witness=alone, fix=fix),
+        one("lemma1", proved, "consensus", "Lambda(J) < 0.", mode=mode, margin=0.58229999, rate=0.29),
+        one(
+            "theorem1-printed",
+            refuted,
+            "consensus",
+            "Psi is not negative definite for this P.",
             margin=-0.53678,
-            reason="Psi is not negative definite for this P.",
-            claim=Values({"bound": "-9/8", "S": [["9/8"]]}),
-            witness=Witness(kind="vector", values=tuple(str(i) for i in range(30))),
+            claim=printed,
+            witness=vector,
         ),
-        Check(
-            id="theorem1",
-            verdict=Verdict.PROVED,
-            domain="consensus",
+        one(
+            "theorem1",
+            proved,
+            "consensus",
+            "Psi < 0 holds exactly for a rational P.",
             margin=0.5319,
             rate=0.2618,
-            reason="Psi < 0 holds exactly for a rational P.",
-            claim=Values({"bound": "-1/20", "S": [["1/20"]]}),
+            claim=bound,
         ),
-        Check(
-            id="max-separable",
-            verdict=Verdict.UNDECIDED,
-            reason="does not apply: nobody asked.",
-            domain={"kind": "box", "radius": 4.0, "disturbance": 0.5},
-        ),
+        one("max-separable", undecided, box, "does not apply: nobody asked."),
     )
+
+
+def one(id: str, verdict: Verdict, domain: Any, reason: str, **more: Any) -> Check:
+    return Check(id=id, verdict=verdict, domain=domain, reason=reason, **more)
 
 
 def make_certificate(problem: Problem | None = None, **changes: Any) -> Certificate:
@@ -131,36 +116,18 @@ def make_certificate(problem: Problem | None = None, **changes: Any) -> Certific
 def make_analysis(problem: Problem) -> Analysis:
     """Made-up eigenvalues of the right shapes."""
     n, labels = problem.n * problem.m, problem.network.labels
+    margins = tuple(ModeMargin(eigenvalue=value, margin=0.7) for value in (2j, -2j))
+    one_each = (1,) * problem.n
+    shape = {"components": (labels,), "sources": (labels,), "heard": one_each, "hearing": one_each, "balanced": True}
+    lambdas = tuple(np.linspace(-8, -0.5, n).tolist())
+    loops = tuple(complex(-0.5 - i / n, (-1) ** i) for i in range(n))
+    modes = problem.network.modes
     return Analysis(
         name=problem.name,
-        observability=ObservabilityResult(
-            order=2,
-            rank=2,
-            singular_values=(2.0, 1.0),
-            modes=(ModeMargin(eigenvalue=2j, margin=0.7), ModeMargin(eigenvalue=-2j, margin=0.7)),
-        ),
+        observability=ObservabilityResult(order=2, rank=2, singular_values=(2.0, 1.0), modes=margins),
         spectrum=SpectrumResult(eigenvalues=(-1.6 + 2.5j, -1.6 - 2.5j), rate=1.6),
-        graphs=tuple(
-            GraphFacts(
-                mode=name,
-                arcs=len(arcs),
-                unreached=labels[1:3],
-                components=(labels,),
-                sources=(labels,),
-                balanced=True,
-                heard=(1,) * problem.n,
-                hearing=(1,) * problem.n,
-            )
-            for name, arcs in problem.network.modes.items()
-        ),
-        modes=tuple(
-            ModeSpectrum(
-                mode=name,
-                lambda_eigenvalues=tuple(np.linspace(-8, -0.5, n).tolist()),
-                loop_eigenvalues=tuple(complex(-0.5 - i / n, (-1) ** i) for i in range(n)),
-            )
-            for name in problem.network.modes
-        ),
+        graphs=tuple(GraphFacts(mode=m, arcs=len(modes[m]), unreached=labels[1:3], **shape) for m in modes),
+        modes=tuple(ModeSpectrum(mode=m, lambda_eigenvalues=lambdas, loop_eigenvalues=loops) for m in modes),
     )
 
 
@@ -169,55 +136,41 @@ def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
     n, m, q = problem.n, problem.m, problem.q
     times = np.linspace(0, 10, 401)
     goal = np.ones((n, m))
-    shape = np.linspace(-1, 4, n * m).reshape(n, m)
-    x = goal + np.exp(-times)[:, None, None] * shape
+    x = goal + np.exp(-times)[:, None, None] * np.linspace(-1, 4, n * m).reshape(n, m)
     d = np.broadcast_to(np.cos(2 * times)[:, None, None], x.shape).copy()
     dhat = d * (1 - np.exp(-times))[:, None, None]
     xi = np.zeros((len(times), n, q))
-    return Trajectory(
-        name=problem.name,
-        mode=next(iter(problem.network.modes)),
-        labels=problem.network.labels,
-        t_final=10.0,
-        seed=3,
-        times=times,
-        x=x,
-        xi=xi,
-        xihat=xi.copy(),
-        d=d,
-        dhat=dhat,
-        u=np.zeros_like(x),
-        goal=goal,
-        diverged=diverged,
-    )
+    arrays = {"times": times, "x": x, "xi": xi, "xihat": xi.copy(), "d": d, "dhat": dhat, "u": 0 * x, "goal": goal}
+    named = {"name": problem.name, "mode": next(iter(problem.network.modes)), "labels": problem.network.labels}
+    return Trajectory(t_final=10.0, seed=3, diverged=diverged, **named, **arrays)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def certificate() -> Certificate:
     return make_certificate()
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def problem_with() -> Callable[..., Problem]:
     return ring_problem
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def certificate_of() -> Callable[..., Certificate]:
     return make_certificate
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def analysis_of() -> Callable[[Problem], Analysis]:
     return make_analysis
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def trajectory_of() -> Callable[..., Trajectory]:
     return make_trajectory
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def everything(certificate: Certificate) -> dict[str, Any]:
     """The arguments of a full report on the ring."""
     problem = certificate.problem
@@ -231,57 +184,28 @@ def everything(certificate: Certificate) -> dict[str, Any]:
     }
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def asked_for(problem_with, certificate_of) -> dict[str, Any]:
     """A report on the ring with a region, whose certificates are made by hand."""
     problem = problem_with(region=Region(initial_states=[[0, 5]], initial_disturbance="1/2"))
     box = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
-    separable = Check(
-        id="max-separable",
-        verdict=Verdict.PROVED,
-        domain=box,
-        rate=0.2,
-        reason="from every start V decays.",
-        claim=Values(
-            {
-                "v": ["1", *["3/2"] * 9],
-                "alpha": "1/5",
-                "rho": "9/2",
-                "P": [["1", "0"], ["0", "1"]],
-                "beta": "3/2",
-                "kappa": "7/10",
-                "size": "1",
-            }
-        ),
+    values = {"v": ["1", *["3/2"] * 9], "alpha": "1/5", "rho": "9/2", "P": [["1", "0"], ["0", "1"]]}
+    separable = Values(values | {"beta": "3/2", "kappa": "7/10", "size": "1"})
+    P_e = SparseSymmetric(10, {(i, i): Fraction(1 + i) for i in range(10)})
+    lure = Lure(method="vertices", P_e=P_e, ranges=(), radius=Fraction(1), level=Fraction(2))
+    ball = {"kind": "ball", "radius": 1.079, "disturbance": 0.5}
+    why = "from every start in a ball V decays. Beyond, and this takes several lines, no quadratic V is found."
+    late = Values({"delay": "1/50", "rate": "1/10"})
+    checks = (
+        one("max-separable", Verdict.PROVED, box, "from every start V decays.", rate=0.2, claim=separable),
+        one("lure", Verdict.PROVED, ball, why, rate=0.0001234, claim=lure),
+        one("delay", Verdict.PROVED, box, "late.", rate=0.1, claim=late),
     )
-    ball = Check(
-        id="lure",
-        verdict=Verdict.PROVED,
-        domain={"kind": "ball", "radius": 1.079, "disturbance": 0.5},
-        rate=0.0001234,
-        reason="from every start in a ball V decays. Beyond, and this takes several lines, no quadratic V is found.",
-        claim=Lure(
-            method="vertices",
-            P_e=SparseSymmetric(10, {(i, i): Fraction(1 + i) for i in range(10)}),
-            ranges=(),
-            radius=Fraction(1),
-            level=Fraction(2),
-        ),
-    )
-    delay = Check(
-        id="delay",
-        verdict=Verdict.PROVED,
-        domain=box,
-        rate=0.1,
-        reason="late.",
-        claim=Values({"delay": "1/50", "rate": "1/10"}),
-    )
-    checks = (separable, ball, delay)
     certificate = certificate_of(problem, checks=checks, covered_by="max-separable", rate=0.2)
     return {"certificate": certificate, "analysis": None, "trajectory": None}
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def wide(problem_with, certificate_of, analysis_of, trajectory_of) -> dict[str, Any]:
     """Long names, hostile ones, six exosystem states, several modes: what is likely to be too wide."""
     labels = [f"station-of-a-very-long-name-{i}-{HOSTILE[1 + i % 5][:40]}" for i in range(12)]

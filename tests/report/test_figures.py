@@ -66,8 +66,8 @@ def test_the_arrow_points_at_the_listener():
 
 
 def test_pinned_and_unreached_agents_look_different():
-    look = {"labels": ["a", "b", "c"], "places": positions(ring(3), 3), "pinned": [0], "unreached": {2}}
-    ax = draw_network(new_axes(), arcs=[(0, 1)], **look)
+    settings = {"labels": ["a", "b", "c"], "places": positions(ring(3), 3), "pinned": [0], "unreached": {2}}
+    ax = draw_network(new_axes(), arcs=[(0, 1)], **settings)
     assert len({patch.get_facecolor()[:3] for patch in ax.patches}) >= 2
     assert any(patch.get_linestyle() not in ("solid", "-") for patch in ax.patches)
 
@@ -80,14 +80,11 @@ def test_labels_lose_what_they_share():
     assert drawn_labels(["s", "s1"]) == (["s", "s1"], "")
 
 
-def test_functions_draw_on_the_axes_they_are_given_and_return_them():
-    figure_axes = figures.plot_spectrum(new_axes(), {"G": np.array([-1 + 2j, -1 - 2j])})
-    assert figures.plot_lambda(figure_axes, {"G": [-3.0, -1.0]}, bounds={"P": -1.125}) is figure_axes
-
-
-def test_axes_name_their_units():
-    assert "1/s" in figures.plot_spectrum(new_axes(), {"G": [-1 + 0j]}).get_xlabel()
-    assert "1/s" in figures.plot_lambda(new_axes(), {"G": [-1.0]}).get_xlabel()
+def test_functions_draw_on_the_axes_they_are_given_return_them_and_name_their_units():
+    ax = new_axes()
+    for values in ([-1 + 2j, -1 - 2j], [-1 + 0j]):
+        assert figures.plot_spectrum(ax, {"G": values}) is ax and "1/s" in ax.get_xlabel()
+    assert figures.plot_lambda(ax, {"G": [-3.0, -1.0]}, bounds={"P": -1.125}) is ax and "1/s" in ax.get_xlabel()
 
 
 def test_long_series_are_thinned_and_keep_their_ends():

@@ -35,11 +35,10 @@ def check_balance(text: str) -> None:
             assert open_.pop() == "{"
         elif token == r"\]":
             assert open_.pop() == r"\["
+        elif token == "$" and open_ and open_[-1] == "$":
+            open_.pop()
         elif token == "$":
-            if open_ and open_[-1] == "$":
-                open_.pop()
-            else:
-                open_.append("$")
+            open_.append("$")
         assert token not in ("#", "&", "^", "_") or open_ or after, token
     assert open_ == []
     begun = [name for kind, name in re.findall(r"\\(begin|end)\{(\w+)\}", text)]
@@ -53,12 +52,12 @@ def check_balance(text: str) -> None:
         assert all(len(re.findall(r"(?<!\\)&", row)) == columns - 1 for row in rows)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def files(everything: dict[str, Any]) -> dict[str, str]:
     return latex_report(everything["certificate"], lambdas=everything["lambdas"])
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def hostile_files(problem_with, certificate_of) -> dict[str, str]:
     labels = [f"{text[:40]}{i}".replace("\n", " ") for i, text in enumerate(HOSTILE)]
     arcs = [(labels[i], labels[i - 1]) for i in range(len(labels))]
@@ -86,21 +85,8 @@ def test_the_balance_is_not_blind():
 
 def test_no_command_comes_from_what_a_user_wrote(files: dict[str, str], hostile_files: dict[str, str]):
     own = {word for text in files.values() for word in re.findall(r"\\[A-Za-z]+", text)}
-    escapes = {
-        r"\textbackslash",
-        r"\textasciicircum",
-        r"\textasciitilde",
-        r"\textbar",
-        r"\textquotedbl",
-        r"\allowbreak",
-        r"\dobcunicode",
-        r"\ensuremath",
-        r"\texttt",
-        r"\infty",
-        r"\lambda",
-        r"\checkmark",
-        r"\le",
-    }
+    escaped = r"\textbackslash \textasciicircum \textasciitilde \textbar \textquotedbl \allowbreak \dobcunicode"
+    escapes = {*escaped.split(), r"\ensuremath", r"\texttt", r"\infty", r"\lambda", r"\checkmark", r"\le"}
     for name, text in hostile_files.items():
         assert set(re.findall(r"\\[A-Za-z]+", text)) <= own | escapes, name
         assert re.findall(r"\\input\{[^}]*\}", text) == ([] if name != MAIN else re.findall(r"\\input\{\w+\}", text))
@@ -142,11 +128,6 @@ def test_groups_of_agents_are_told_in_latex_and_in_the_pdf(problem_with, certifi
     for text in (latex_report(certificate)["model.tex"], str(pdf_content(certificate))):
         assert "Each agent has the A, C and W of its group:" in text
         assert "group of agent 3" in text
-
-
-def test_numbers_of_checks_are_cut_towards_zero(files: dict[str, str]):
-    assert "0.5822" in files["checks.tex"]
-    assert "0.5823" not in files["checks.tex"]
 
 
 def test_the_bibliography_guesses_nothing_about_the_paper(files: dict[str, str], hostile_files: dict[str, str]):

@@ -53,10 +53,6 @@ def test_escape(text: str, escaped: str):
     assert escape(text) == escaped
 
 
-def test_the_same_arguments_give_the_same_text(everything: dict[str, Any]):
-    assert markdown_report(**everything) == markdown_report(**everything)
-
-
 def test_the_main_cure_stands_above_the_table_and_cannot_break_out_of_its_place(certificate_of, certificate):
     fix = Fix(kind="x", set={"pinning.gains": {"a\nb": 1}, "<b>\n# x": None}, text="Pin <b>agent</b> 3.")
     checks = tuple(dataclasses.replace(check, fix=fix) for check in certificate.checks)

@@ -25,19 +25,9 @@ BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
 
 
 def claim(id: str = "max-separable", **changes: Any) -> RegionClaim:
-    settings: dict[str, Any] = {
-        "id": id,
-        "variant": "",
-        "verdict": Verdict.PROVED,
-        "kind": "box",
-        "box": 4.0,
-        "ball": 4.0,
-        "disturbance": 0.5,
-        "rate": 0.20408,
-        "time": 25.6001,
-        "covers": True,
-    }
-    return RegionClaim(**settings | changes)
+    settings: dict[str, Any] = {"id": id, "variant": "", "verdict": Verdict.PROVED, "kind": "box", "covers": True}
+    sizes = {"box": 4.0, "ball": 4.0, "disturbance": 0.5, "rate": 0.20408, "time": 25.6001}
+    return RegionClaim(**settings | sizes | changes)
 
 
 BALL = claim("lure", variant="P_e full", kind="ball", box=0.35987, ball=1.13899, covers=False, limit="no P_e is found.")
@@ -51,18 +41,10 @@ AGENTS = (
 
 
 def make(*claims: RegionClaim, **changes: Any) -> Regions:
-    settings: dict[str, Any] = {
-        "name": "ring",
-        "verdict": Verdict.PROVED,
-        "reason": "Here is why.",
-        "claims": claims,
-        "agents": AGENTS,
-        "asked": Asked(box=4.0, ball=12.6491107, disturbance=0.5, interval=(0.0, 5.0)),
-        "tolerance": 0.04,
-        "delay": None,
-        "sampling": None,
-    }
-    return Regions(**settings | changes)
+    asked = Asked(box=4.0, ball=12.6491107, disturbance=0.5, interval=(0.0, 5.0))
+    settings: dict[str, Any] = {"name": "ring", "verdict": Verdict.PROVED, "reason": "Here is why.", "agents": AGENTS}
+    others = {"asked": asked, "tolerance": 0.04, "delay": None, "sampling": None}
+    return Regions(claims=claims, **settings | others | changes)
 
 
 def check(id: str, **changes: Any) -> Check:
@@ -118,29 +100,20 @@ def test_delays_and_sampling_have_a_sentence_each():
     assert "at least 1 % a sample, up to what the estimation error adds." in held
 
 
-def test_without_a_disturbance_nothing_is_added_to_the_fall_of_a_sample():
-    calm = check("sampling", domain={**BOX, "disturbance": 0.0}, claim=Values({"period": "1/2", "factor": "1/2"}))
-    (held,) = timing_sentences(make(claim(), sampling=calm))
-    assert held.endswith("at least 50 % a sample.")
+def test_a_sample_without_disturbance_has_nothing_added_and_only_a_very_short_one_is_explained():
+    calm = {"domain": {**BOX, "disturbance": 0.0}}
+    for period, factor, more in (("1/2", "1/2", calm), ("1/1000000", "999/1000", {}), ("1/100", "999/1000", {})):
+        sampling = check("sampling", claim=Values({"period": period, "factor": factor}), **more)
+        (held,) = timing_sentences(make(claim(), sampling=sampling))
+        assert held.endswith("at least 50 % a sample.") is bool(more)
+        assert ("That is short because" in held) is (period == "1/1000000")
 
 
-def test_a_very_short_period_is_explained_and_one_of_a_hundredth_is_not():
-    short = check("sampling", claim=Values({"period": "1/1000000", "factor": "999/1000"}))
-    enough = check("sampling", claim=Values({"period": "1/100", "factor": "999/1000"}))
-    assert "That is short because" in timing_sentences(make(claim(), sampling=short))[0]
-    assert "That is short because" not in timing_sentences(make(claim(), sampling=enough))[0]
-
-
-def test_a_proved_settling_time_is_told_stage_by_stage_and_another_one_gives_its_reason():
+def test_a_proved_settling_time_is_told_stage_by_stage_and_what_is_undecided_gives_its_reason():
     settling = check("settling", reason="|e(t)|_inf <= 0.04 for all t >= 15.6 s, in 8 stages.")
     assert timing_sentences(make(claim(), settling=settling)) == []
-    open_one = check("settling", verdict=Verdict.UNDECIDED, reason="left out.")
-    assert timing_sentences(make(claim(), settling=open_one)) == ["Settling: left out."]
-
-
-def test_an_undecided_delay_gives_its_reason():
-    delay = check("delay", verdict=Verdict.UNDECIDED, reason="left out, because rows take long.")
-    assert timing_sentences(make(claim(), delay=delay)) == ["Delay: left out, because rows take long."]
+    left = {id: check(id, verdict=Verdict.UNDECIDED, reason="left out.") for id in ("settling", "delay")}
+    assert timing_sentences(make(claim(), **left)) == ["Settling: left out.", "Delay: left out."]
 
 
 def test_bars_are_as_long_as_what_is_proved():

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dobc_design._show.text import Fragment, significant_towards_zero
+from dobc_design._show.text import significant_towards_zero
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
@@ -36,10 +36,6 @@ def test_numbers_are_written_as_people_write_them():
     assert number(-0.0) == "0"
     assert number(None) == "–"
     assert number(1234567.0) == "1.235·10⁶"
-
-
-def test_a_fragment_is_a_string_that_templates_leave_alone():
-    assert Fragment("<b>").__html__() == "<b>"
 
 
 def test_domains_in_words():

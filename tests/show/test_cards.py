@@ -122,23 +122,11 @@ def small() -> dd.Certificate:
 
 
 def nouns(problem: dd.Problem) -> list[Any]:
-    name, modes = problem.network.labels[0], tuple(problem.network.modes)
+    modes = tuple(problem.network.modes)
     whole = np.zeros((30, 1000, 3)).tolist()
-    return [
-        problem,
-        problem.network,
-        problem.pinning,
-        problem.coupling,
-        problem.region,
-        problem.exosystem,
-        problem.observer,
-        problem.groups[0],
-        problem.switching,
-        dd.HalfPlane(left_of=-2),
-        dd.Disk(centre=-3, radius=2),
-        dd.Cone(damping="0.7"),
-        dd.NoiseLimit(bound=3),
-        dd.Observer(W=[["16/5"], ["12/5"]], P=[[1, 0], [0, "1/3"]]),
+    one, sparse = Fraction(1), dd.exact.SparseSymmetric
+    of_problem = ("network", "pinning", "coupling", "region", "exosystem", "observer", "switching")
+    signals = [
         dd.Fixed(mode=modes[0]),
         dd.Periodic(dwell=[0.5] * 2, order=modes),
         dd.RandomDwell(dwell=0.5),
@@ -146,18 +134,24 @@ def nouns(problem: dd.Problem) -> list[Any]:
         dd.Mobile(radius=2.0),
         dd.Schedule(times=tuple(range(2000)), modes=modes * 1000),
         dd.Waypoints(times=tuple(range(30)), positions=whole),
-        dd.Failure(agent=name),
-        dd.Stress(noise=0.1, failures=[dd.Failure(agent=each) for each in problem.network.labels]),
-        dd.Coupling(components=problem.coupling.components, by_component=True, dimension=3),
-        dd.Verdict.PROVED,
-        dd.exact.SparseSymmetric(1000, {(i, i): Fraction(i + 1, 7) for i in range(1000)}),
-        dd.exact.SparseSymmetric(2, {(0, 1): Fraction(1, 7)}),
+    ]
+    exact = [
+        sparse(1000, {(i, i): Fraction(i + 1, 7) for i in range(1000)}),
+        sparse(2, {(0, 1): Fraction(1, 7)}),
         dd.exact.Interval(Fraction(1, 3), Fraction(2)),
-        dd.exact.IntegerSymmetric.from_sparse(dd.exact.SparseSymmetric(1000, {(0, 0): Fraction(1)})),
+        dd.exact.IntegerSymmetric.from_sparse(sparse(1000, {(0, 0): one})),
         dd.exact.routh([1] * 200),
         dd.exact.decide_observable(problem.exosystem.A, problem.exosystem.C),
-        dd.exact.decide_detectable(((Fraction(0),),), ((Fraction(0),),)),
+        dd.exact.decide_detectable(((0 * one,),), ((0 * one,),)),
         dd.exact.decide_positive_definite(dd.exact.identity(60)),
+    ]
+    wanted = [dd.HalfPlane(left_of=-2), dd.Disk(centre=-3, radius=2), dd.Cone(damping="0.7"), dd.NoiseLimit(bound=3)]
+    failures = [dd.Failure(agent=each) for each in problem.network.labels]
+    return [
+        *(problem, *(getattr(problem, part) for part in of_problem), problem.groups[0]),
+        *(*wanted, *signals, *exact, failures[0], dd.Stress(noise=0.1, failures=failures), dd.Verdict.PROVED),
+        dd.Observer(W=[["16/5"], ["12/5"]], P=[[1, 0], [0, "1/3"]]),
+        dd.Coupling(components=problem.coupling.components, by_component=True, dimension=3),
     ]
 
 

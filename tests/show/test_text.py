@@ -37,10 +37,6 @@ def test_an_upper_bound_is_never_shown_smaller_than_it_is():
     assert shown.significant_away_from_zero(Fraction(1, 3), 2) == "0.34"
     assert shown.significant_away_from_zero(0.5, 2) == "0.5"
     assert shown.significant_away_from_zero(None) == "–"
-
-
-def test_a_certified_number_is_never_shown_larger_than_it_is():
-    assert shown.significant_towards_zero(Fraction(2, 3)) == "0.6666"
     assert shown.significant_towards_zero(-0.12349999) == "-0.1234"
 
 

@@ -19,6 +19,12 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 PATIENCE = 240  # s
 
 
+def alone(*options: str) -> list[str]:
+    """The command for one page without a screen, whose console is on standard error."""
+    usual = "--headless --no-sandbox --disable-gpu --disable-background-networking --no-first-run"
+    return [str(CHROMIUM), *usual.split(), "--disable-dev-shm-usage", "--enable-logging=stderr", *options]
+
+
 def until(what: str, look: Callable[[], Any], *, seconds: float = PATIENCE) -> Any:
     """The first true answer."""
     end = time.monotonic() + seconds

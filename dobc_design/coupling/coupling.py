@@ -1,7 +1,6 @@
 """The coupling h of an arc: what agent i feels of x_j - x_i (eq. 1).
 
-h(0) = 0 is required and shown here in exact arithmetic; slopes at 0 are exact where they are rational, else
-enclosed outwards.  Slopes elsewhere are the business of ``theorems``.
+h(0) = 0 is shown in exact arithmetic; slopes at 0 are exact where they are rational, else enclosed outwards.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Final
 
 from dobc_design.coupling.expression import Expression
@@ -239,10 +239,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """A coupling with its cells on [-radius, radius], from left to right.
-
-    ``tops`` and ``bottoms``: where h may have a local maximum or minimum inside (h turns, or is not known).
-    """
+    """A coupling with its cells from left to right; ``tops``, ``bottoms``: where h may have an inner extremum."""
 
     curve: Curve
     radius: Fraction
@@ -257,10 +254,7 @@ class Profile:
 
 
 def profile(curve: Curve, radius: Fraction) -> Profile:
-    """Split [-radius, radius] into cells where the sign of h' is proved, as far as that is possible.
-
-    Raises: UndefinedError naming h and the interval where h is not defined or has no bounded slope.
-    """
+    """Split [-radius, radius] into cells where the sign of h' is proved where possible.  Raises: UndefinedError."""
     whole = Interval(-radius, radius)
     try:
         cells = _merged(curve, _split(curve, whole))
@@ -279,15 +273,15 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
     while waiting:
         place = waiting.pop()
         count += 1
+        last = place.width <= narrow or count > _MOST_CELLS
         try:
             slope = jet(curve, place, restricted=True).slope
+            direction = 1 if slope.lo >= 0 else -1 if slope.hi <= 0 else 0
         except UndefinedError:
-            if place.width <= narrow or count > _MOST_CELLS:
+            if last:
                 raise
-            waiting += [*reversed(place.halves())]
-            continue
-        direction = 1 if slope.lo >= 0 else -1 if slope.hi <= 0 else 0
-        if direction or place.width <= narrow or count > _MOST_CELLS:
+            direction = 0
+        if direction or last:
             found.append((place, direction))
         else:
             waiting += [*reversed(place.halves())]
@@ -297,11 +291,9 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
 def _merged(curve: Curve, pieces: list[tuple[Interval, int]]) -> tuple[Cell, ...]:
     """Neighbours of one direction as one cell; cells of unknown direction stay narrow."""
     joined: list[tuple[Interval, int]] = []
-    for place, direction in pieces:
-        if joined and direction and joined[-1][1] == direction:
-            joined[-1] = (joined[-1][0].hull(place), direction)
-        else:
-            joined.append((place, direction))
+    for direction, group in groupby(pieces, key=lambda piece: piece[1]):
+        places = [place for place, _ in group]
+        joined += [(places[0].hull(places[-1]), direction)] if direction else [(place, 0) for place in places]
     return tuple(Cell(place, direction, value_form(curve, place)) for place, direction in joined)
 
 

@@ -134,16 +134,15 @@ def read_groups(
     Returns: the groups ordered by their first agent, agents in the order of the labels; none without a disturbance.
     Raises: SpecError or ShapeError naming the key.
     """
-    if not groups:
-        if exosystem is None:
-            if observer is not None:
-                what = "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
-                raise SpecError(what, key="observer", cure="Remove it, or give the exosystem.")
-            return ()
-        own = Observer() if observer is None else observer
-        check_observer(own, q=exosystem.order, m=exosystem.outputs)
-        return (Group(agents=labels, exosystem=exosystem, observer=own),)
     common = Observer() if observer is None else observer
+    if not groups and exosystem is not None:
+        check_observer(common, q=exosystem.order, m=exosystem.outputs)
+        return (Group(agents=labels, exosystem=exosystem, observer=common),)
+    if not groups and observer is not None:
+        what = "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
+        raise SpecError(what, key="observer", cure="Remove it, or give the exosystem.")
+    if not groups:
+        return ()
     errors: list[SpecError] = []
     owner = _owners(groups, labels, errors)
     for number, group in enumerate(groups):

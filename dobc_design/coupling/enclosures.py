@@ -1,8 +1,7 @@
 """Enclosures of a scalar coupling h on an interval: of h, of h' and of the secant gain g(y) = h(y)/y.
 
-Theory, sections 1 and 5: h(y) = g(y) y exactly, with g(0) = h'(0).  Every bound is rounded outwards.  Where h or g
-is shown to be monotone its end points are taken, elsewhere intervals are subdivided until the bound is tight.
-With abs, min, max or clip the slopes are Clarke's, which bound the secant gain as well (mean value theorem).
+Theory, sections 1 and 5: h(y) = g(y) y exactly, g(0) = h'(0).  Bounds are rounded outwards, and tight by end points
+where h or g is monotone, else by subdivision.  At kinks slopes are Clarke's, which bound g, too (mean value theorem).
 """
 
 from __future__ import annotations

@@ -209,13 +209,11 @@ class Expression:
 
 
 def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") -> Expression:
-    """Read a function of y (dimension 1; y1 is the same) or of y1..ym.
+    """Read a function of y (dimension 1; y1 is the same) or of y1..ym.  Raises: ExpressionError.
 
-    The language: + - * / with Python's precedence, ** with a literal integer from -64 to 64 or 1/2 (written
-    0.5 or (1/2); it becomes sqrt), numbers, pi, and the functions of ``functions``: min and max of two or more,
+    The language: + - * / with Python's precedence, ** with a literal integer from -64 to 64 or 1/2 (written 0.5 or
+    (1/2); it becomes sqrt), numbers, pi, and the functions of ``functions``: min and max of two or more,
     clip(y, lo, hi) with rational constants lo <= hi.  At most 2000 characters, 50 nested parentheses.
-    Raises: ExpressionError that quotes the text, says what was found in which column, what is allowed and,
-    where it can be guessed, what was meant.
     """
     if not isinstance(text, str):
         raise wrong(

@@ -1,7 +1,6 @@
 """The coupling h of an arc: what agent i feels of x_j - x_i (eq. 1).
 
-h(0) = 0 is required and shown here in exact arithmetic; slopes at 0 are exact where they are rational, else
-enclosed outwards.  Slopes elsewhere are the business of ``theorems``.
+h(0) = 0 is shown in exact arithmetic; slopes at 0 are exact where they are rational, else enclosed outwards.
 """
 
 from __future__ import annotations
@@ -15,16 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._show.cards import Card, Formula, Shown, cut
+from dobc_design.coupling import expression as language
 from dobc_design.coupling import tree
-from dobc_design.coupling.expression import (
-    Expression,
-    nonsmooth_functions,
-    numpy_function,
-    parse_expression,
-    polynomial_degree,
-    to_text,
-    variables_used,
-)
+from dobc_design.coupling.expression import Expression, parse_expression
 from dobc_design.coupling.functions import NONSMOOTH
 from dobc_design.coupling.parser import excerpt
 from dobc_design.errors import ExpressionError, ShapeError, SpecError, kept, raise_all, wrong
@@ -80,13 +72,13 @@ class Coupling(Shown):
     @property
     def is_linear(self) -> bool:
         """Whether h is linear as written, which proves that it is; y**2 - y**2 + y is not recognised."""
-        degrees = [polynomial_degree(expression.node) for expression in self.components]
+        degrees = [language.polynomial_degree(expression.node) for expression in self.components]
         return all(degree is not None and degree <= 1 for degree in degrees)
 
     @property
     def nonsmooth(self) -> tuple[str, ...]:
         """Which of abs, min, max, clip occur; empty if h is C1 wherever it is defined."""
-        found = {name for expression in self.components for name in nonsmooth_functions(expression.node)}
+        found = {name for expression in self.components for name in language.nonsmooth_functions(expression.node)}
         return tuple(name for name in NONSMOOTH if name in found)
 
     def _card(self) -> Card:
@@ -111,7 +103,7 @@ class Coupling(Shown):
 
     def numpy_function(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
         """Return h as a function of arrays, (..., m) to (..., m); overflow gives inf, undefined places give nan."""
-        functions = [numpy_function(expression) for expression in self.components]
+        functions = [language.numpy_function(expression) for expression in self.components]
         dimension, by_component = self.dimension, self.by_component
 
         def function(y: ArrayLike) -> NDArray[np.float64]:
@@ -187,10 +179,10 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
     exact = number_text(value.lo)
     if not value.is_point or len(exact) > _LONGEST_NUMBER:
         return ExpressionError(f"{quoted} must vanish at y = 0 but is about {value.floats()[0]:.3g}.", key=key)
-    if not variables_used(expression.node):
+    if not language.variables_used(expression.node):
         what = f"{quoted} must vanish at y = 0 but is the constant {exact}."
         return ExpressionError(what, key=key, cure='Write for example "tanh(y)".')
-    better = to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
+    better = language.to_text(_lowered(expression.node, value.lo), dimension=expression.dimension)
     cure = f'did you mean "{better}"?' if len(better) <= _LONGEST_SUGGESTION else None
     return ExpressionError(f"{quoted} must vanish at y = 0 but equals {exact}", key=key, cure=cure)
 
@@ -198,7 +190,7 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
 def _lowered(node: tree.Node, value: Fraction) -> tree.Node:
     """Return the tree of node - value; where the value is the last term itself, without that term."""
     offset = tree.Constant(abs(value))
-    if isinstance(node, (tree.Add, tree.Subtract)) and not variables_used(node.right):
+    if isinstance(node, (tree.Add, tree.Subtract)) and not language.variables_used(node.right):
         last = tree.evaluate(node.right, (), tree.IntervalAlgebra())
         if (last if isinstance(node, tree.Add) else -last) == Interval.point(value):
             return node.left

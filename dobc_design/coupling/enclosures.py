@@ -1,8 +1,7 @@
 """Enclosures of a scalar coupling h on an interval: of h, of h' and of the secant gain g(y) = h(y)/y.
 
-Theory, sections 1 and 5: h(y) = g(y) y exactly, with g(0) = h'(0).  Every bound is rounded outwards.  Where h or g
-is shown to be monotone its end points are taken, elsewhere intervals are subdivided until the bound is tight.
-With abs, min, max or clip the slopes are Clarke's, which bound the secant gain as well (mean value theorem).
+Theory, sections 1 and 5: h(y) = g(y) y exactly, g(0) = h'(0).  Bounds are rounded outwards, and tight by end points
+where h or g is monotone, else by subdivision.  At kinks slopes are Clarke's, which bound g, too (mean value theorem).
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Final
 
 from dobc_design.coupling.expression import Expression
@@ -239,10 +238,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """A coupling with its cells on [-radius, radius], from left to right.
-
-    ``tops`` and ``bottoms``: where h may have a local maximum or minimum inside (h turns, or is not known).
-    """
+    """A coupling with its cells from left to right; ``tops``, ``bottoms``: where h may have an inner extremum."""
 
     curve: Curve
     radius: Fraction
@@ -257,10 +253,7 @@ class Profile:
 
 
 def profile(curve: Curve, radius: Fraction) -> Profile:
-    """Split [-radius, radius] into cells where the sign of h' is proved, as far as that is possible.
-
-    Raises: UndefinedError naming h and the interval where h is not defined or has no bounded slope.
-    """
+    """Split [-radius, radius] into cells where the sign of h' is proved where possible.  Raises: UndefinedError."""
     whole = Interval(-radius, radius)
     try:
         cells = _merged(curve, _split(curve, whole))
@@ -279,15 +272,15 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
     while waiting:
         place = waiting.pop()
         count += 1
+        last = place.width <= narrow or count > _MOST_CELLS
         try:
             slope = jet(curve, place, restricted=True).slope
+            direction = 1 if slope.lo >= 0 else -1 if slope.hi <= 0 else 0
         except UndefinedError:
-            if place.width <= narrow or count > _MOST_CELLS:
+            if last:
                 raise
-            waiting += [*reversed(place.halves())]
-            continue
-        direction = 1 if slope.lo >= 0 else -1 if slope.hi <= 0 else 0
-        if direction or place.width <= narrow or count > _MOST_CELLS:
+            direction = 0
+        if direction or last:
             found.append((place, direction))
         else:
             waiting += [*reversed(place.halves())]
@@ -297,11 +290,9 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
 def _merged(curve: Curve, pieces: list[tuple[Interval, int]]) -> tuple[Cell, ...]:
     """Neighbours of one direction as one cell; cells of unknown direction stay narrow."""
     joined: list[tuple[Interval, int]] = []
-    for place, direction in pieces:
-        if joined and direction and joined[-1][1] == direction:
-            joined[-1] = (joined[-1][0].hull(place), direction)
-        else:
-            joined.append((place, direction))
+    for direction, group in groupby(pieces, key=lambda piece: piece[1]):
+        places = [place for place, _ in group]
+        joined += [(places[0].hull(places[-1]), direction)] if direction else [(place, 0) for place in places]
     return tuple(Cell(place, direction, value_form(curve, place)) for place, direction in joined)
 
 

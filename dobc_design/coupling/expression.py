@@ -1,14 +1,10 @@
-"""Coupling functions as text: read safely, evaluated anywhere.
-
-``parse_expression`` is the only way from text to a tree; nothing here uses ``eval`` or SymPy.  What the
-function means for the network (h(0) = 0, its slope) is the business of ``coupling``.
-"""
+"""Coupling functions as text: ``parse_expression`` is the only way to a tree; nothing here uses ``eval`` or SymPy."""
 
 from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
 from itertools import accumulate
@@ -183,7 +179,7 @@ _MOST_REPAIRS = 12
 _LONGEST_SUGGESTION = 100
 
 
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
+@dataclass(frozen=True, slots=True, repr=False)
 class Expression:
     """A function of y (dimension 1) or of y1..ym; made by ``parse_expression``.
 
@@ -191,7 +187,7 @@ class Expression:
     the same tree.  Two expressions are equal when their trees and dimensions are.
     """
 
-    text: str
+    text: str = field(compare=False)
     node: tree.Node
     dimension: int
 
@@ -201,14 +197,6 @@ class Expression:
 
     def __repr__(self) -> str:
         return f"parse_expression({str(self)!r}, dimension={self.dimension})"
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Expression):
-            return NotImplemented
-        return self.dimension == other.dimension and self.node == other.node
-
-    def __hash__(self) -> int:
-        return hash((self.dimension, self.node))
 
     def __reduce__(self) -> tuple[Callable[..., Expression], tuple[str]]:
         # Long sums are deep trees, on which pickle and deepcopy would meet Python's recursion limit.
@@ -221,13 +209,11 @@ class Expression:
 
 
 def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") -> Expression:
-    """Read a function of y (dimension 1; y1 is the same) or of y1..ym.
+    """Read a function of y (dimension 1; y1 is the same) or of y1..ym.  Raises: ExpressionError.
 
-    The language: + - * / with Python's precedence, ** with a literal integer from -64 to 64 or 1/2 (written
-    0.5 or (1/2); it becomes sqrt), numbers, pi, and the functions of ``functions``: min and max of two or more,
+    The language: + - * / with Python's precedence, ** with a literal integer from -64 to 64 or 1/2 (written 0.5 or
+    (1/2); it becomes sqrt), numbers, pi, and the functions of ``functions``: min and max of two or more,
     clip(y, lo, hi) with rational constants lo <= hi.  At most 2000 characters, 50 nested parentheses.
-    Raises: ExpressionError that quotes the text, says what was found in which column, what is allowed and,
-    where it can be guessed, what was meant.
     """
     if not isinstance(text, str):
         raise wrong(

@@ -1,8 +1,4 @@
-"""The whitelist parser of coupling expressions: text to tree, Python's precedence, never ``eval``.
-
-Bounded by construction: at most 2000 characters and 50 nested parentheses, literal exponents, and exact constants
-(computed only to be checked) of at most 4096 bits.
-"""
+"""The whitelist parser of coupling expressions: text to tree, Python's precedence, never ``eval``; all is bounded."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """The expression tree of a coupling function h, the one walk over it, and its algebras.
 
-Every use of h (NumPy, intervals, CasADi, SymPy, text, LaTeX) is an ``Algebra`` handed to ``evaluate``; the tree itself
-knows no number type and is what the user wrote: nothing is folded, reordered or simplified.  The walk keeps its own
-stack, so a sum of a thousand terms is no deeper for Python than y.  The interval algebras here are rigorous: what they
-return contains every value on the given box, or they raise UndefinedError.
+Every use of h (NumPy, intervals, CasADi, SymPy, text, LaTeX) is an ``Algebra`` handed to ``evaluate``.  The tree is
+what the user wrote; the walk keeps its own stack, so a sum of a thousand terms is no deeper for Python than y.  The
+interval algebras here are rigorous: they return what contains every value on the given box, or raise UndefinedError.
 """
 
 from __future__ import annotations

@@ -16,6 +16,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown, shown_number
@@ -93,18 +97,12 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
 
 def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
     """Label -> the label it becomes when these pairs are joined (closed bus couplers): the first of its group."""
-    parent = {label: label for label in labels}
-
-    def root(label: str) -> str:
-        while parent[label] != label:
-            label = parent[label]
-        return label
-
-    order = {label: place for place, label in enumerate(labels)}
-    for a, b in pairs:
-        first, second = sorted((root(a), root(b)), key=order.__getitem__)
-        parent[second] = first
-    return {label: root(label) for label in labels}
+    place = {label: i for i, label in enumerate(labels)}
+    ends = [[place[pair[end]] for pair in pairs] for end in (0, 1)]
+    graph = coo_array((np.ones(len(pairs)), tuple(ends)), shape=(len(labels),) * 2)
+    first: dict[int, str] = {}
+    groups = connected_components(graph, directed=False)[1].tolist() if labels else []
+    return {label: first.setdefault(group, label) for label, group in zip(labels, groups, strict=True)}
 
 
 CURE = "Write the case with MATPOWER's savecase."

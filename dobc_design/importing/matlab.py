@@ -181,10 +181,7 @@ LINEAR = 'The file has no coupling h: it is taken to be linear, h = "y", as a La
 
 
 def read_mat(data: bytes, *, file: str, name: str) -> Problem:
-    """Make the problem of a .mat file; ``file``: its name, for messages; ``name``: the problem's, if it has none.
-
-    Raises: SpecError that names the variable.
-    """
+    """The problem of a .mat file; ``name``: the problem's if it has none.  Raises: SpecError naming the variable."""
     found = {key: value for key, value in read_variables(data, name=file).items() if key in KNOWN}
     L = found.get("L")
     if L is None:

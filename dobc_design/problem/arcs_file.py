@@ -1,7 +1,4 @@
-"""Arcs from CSV, GraphML and edge-list files named by ``{ file = "..." }`` in a problem file, inside its folder.
-
-Which column listens is said by ``network.arrow``, never by the format.  At most 1 GB is read.
-"""
+"""Arcs from CSV, GraphML and edge-list files beside a problem file; ``network.arrow`` says which column listens."""
 
 from __future__ import annotations
 

@@ -102,11 +102,7 @@ def unreached_in_union(problem: Problem) -> tuple[int, ...]:
 
 
 def closed_groups(problem: Problem, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
-    """The smallest sets of agents that listen to nobody outside themselves, all given modes together.
-
-    They are the strongly connected components without an arc to another one; every set that listens to nobody
-    outside contains one.  Sets and their agents in rising order.
-    """
+    """The smallest sets of agents that listen to nobody outside, strong components that hear no other; rising."""
     listeners, speakers = _ends(arcs)
     graph = sp.coo_array((np.ones(len(listeners)), (listeners, speakers)), shape=(problem.n, problem.n))
     component = connected_components(graph, connection="strong")[1].astype(np.int64)
@@ -198,10 +194,7 @@ def required_gain(problem: Problem, gain: Gain | None) -> Array:
 
 
 def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
-    """Return exosystem and observer for the gain W; q = 0 without an exosystem.
-
-    Raises: SpecError or ShapeError as ``required_gain`` does, and for a W with entries outside of its blocks.
-    """
+    """Exosystem and observer for the gain W.  Raises: SpecError or ShapeError, also for entries outside the blocks."""
     W = required_gain(problem, gain)
     if not problem.is_grouped:
         A, C = exosystem_arrays(problem)

@@ -289,7 +289,7 @@ def _table(content: Mapping[str, Any]) -> Any:
     for key, value in content.items():
         if isinstance(value, Mapping) and key == "modes":
             table[key] = _table(value)
-        elif key in ("groups", "exceptions"):
+        elif key == "groups":
             table[key] = tomlkit.aot()
             for group in value:
                 table[key].append(_table({name: part for name, part in group.items() if part is not None}))

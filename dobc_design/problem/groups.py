@@ -1,12 +1,8 @@
 """Groups of agents with an exosystem and an observer of their own (eq. 12 and 13 with A, C, W, P by group).
 
-Every agent is in exactly one group.  One group is the paper's case; there is none without a disturbance.  Side by side
-the groups make one *joint* exosystem with block diagonal A and C.  For block diagonal W, P, Q
-
-    A - W C,   Omega0 = P A + A'P - Q C - C'Q',   S = C (-Omega0)^-1 C'
-
-are block diagonal too: Psi of (18) has I (x) C and I (x) Omega0 replaced by the blocks of the agents' groups, and the
-Reduction reads Lambda + blockdiag(S of the agents) < 0.  Nothing is decided here.
+Every agent is in exactly one group; there is none without a disturbance.  Side by side the groups make one *joint*
+exosystem with block diagonal A and C.  For block diagonal W, P, Q also A - W C, Omega0 = P A + A'P - Q C - C'Q' and
+S = C (-Omega0)^-1 C' are block diagonal, and the Reduction reads Lambda + blockdiag(S of the agents) < 0.
 """
 
 from __future__ import annotations
@@ -134,16 +130,15 @@ def read_groups(
     Returns: the groups ordered by their first agent, agents in the order of the labels; none without a disturbance.
     Raises: SpecError or ShapeError naming the key.
     """
-    if not groups:
-        if exosystem is None:
-            if observer is not None:
-                what = "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
-                raise SpecError(what, key="observer", cure="Remove it, or give the exosystem.")
-            return ()
-        own = Observer() if observer is None else observer
-        check_observer(own, q=exosystem.order, m=exosystem.outputs)
-        return (Group(agents=labels, exosystem=exosystem, observer=own),)
     common = Observer() if observer is None else observer
+    if not groups and exosystem is not None:
+        check_observer(common, q=exosystem.order, m=exosystem.outputs)
+        return (Group(agents=labels, exosystem=exosystem, observer=common),)
+    if not groups and observer is not None:
+        what = "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
+        raise SpecError(what, key="observer", cure="Remove it, or give the exosystem.")
+    if not groups:
+        return ()
     errors: list[SpecError] = []
     owner = _owners(groups, labels, errors)
     for number, group in enumerate(groups):

@@ -1,7 +1,6 @@
 """Who listens to whom: labels, and one set of arcs per mode (the graphs of section 2 and Theorem 2).
 
-What the user's pair [a, b] means is said once, by ``arrow``, and there is no default: mixed-up directions
-are the commonest silent error with directed graphs. This module never guesses and never symmetrises.
+What [a, b] means is said by ``arrow``, without a default: mixed-up directions are the commonest silent error.
 """
 
 from __future__ import annotations

@@ -290,10 +290,7 @@ class Problem(Shown):
 
     @property
     def exosystem(self) -> Exosystem | None:
-        """The exosystem that all agents have; None without a disturbance.
-
-        Raises: SpecError if there are several, so that whoever knows of one only never takes it for all of them.
-        """
+        """The exosystem that all agents have; None without a disturbance.  Raises: SpecError if there are several."""
         self.require_one_exosystem()
         return self.groups[0].exosystem if self.groups else None
 

@@ -1,4 +1,4 @@
-"""Settings of simulations.  They never enter a proof."""
+"""What is asked: the region of starts; and settings of simulations, which never enter a proof."""
 
 from __future__ import annotations
 

@@ -90,13 +90,9 @@ def test_kinks_are_named_over_all_components():
     ("h", "message"),
     [
         ("exp(y) + y", r'^coupling\.h "exp\(y\) \+ y" must vanish .* equals 1; did you mean "exp\(y\) \+ y - 1"\?$'),
-        ("cos(y) - 3/2", r'equals -1/2; did you mean "cos\(y\) - 3/2 \+ 0.5"\?'),
-        ("y + 2", r'equals 2; did you mean "y"\?'),
         ("exp(y - 1)", r"must vanish at y = 0 but is about 0\.368\.$"),
-        ("y + 9**64", r"is about 1\.18e\+61"),
         ("exp(1 + y) - exp(1)", r"cannot be shown to vanish at y = 0 .*rewrite it\. For example exp\(1\)\*"),
         ("log(y)", r"but is undefined there: log is not defined on the whole of \[0, 0\]"),
-        ("y**-1", "is undefined there: .*contains 0"),
         ("exp(exp(99 + y)) - 1", "is undefined there: exp of .* too large"),
         ("sqrt(y)", r"around y = 0 \(seen on \|y\| <= 2\^-40\): sqrt is not defined on .* \[-1/10995116"),
         ("sqrt(abs(y))", "bounded slope around y = 0 .*: sqrt has no bounded slope on"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
+from fuzzing import mutate
 from grid_tables import tables
 
 import dobc_design as dd
@@ -87,20 +88,6 @@ def healthy(kind: str, tmp_path) -> bytes:
     return CASE.encode() if kind == "m" else tables()
 
 
-def damaged(data: bytes, rng: random.Random) -> bytes:
-    found = bytearray(data)
-    for _ in range(rng.choice([1, 1, 2, 5, 20])):
-        place, kind = rng.randrange(len(found)), rng.random()
-        if kind < 0.5:
-            found[place] = rng.randrange(256)
-        elif kind < 0.8:
-            del found[place : place + rng.randrange(1, 20)]
-        else:
-            found[place:place] = bytes(rng.choice(b"0123456789.,;[]eE-+") for _ in range(3))
-        found = found or bytearray(b"x")
-    return bytes(found)
-
-
 @pytest.mark.parametrize("kind", ["mat", "m", "json"])
 def test_a_damaged_file_is_read_or_refused_and_never_a_crash(kind: str, tmp_path):
     """50 mutants of each; a SpecError is the only way out."""
@@ -109,7 +96,7 @@ def test_a_damaged_file_is_read_or_refused_and_never_a_crash(kind: str, tmp_path
     path.write_bytes(data)
     assert dd.problem_from_file(path).n > 1
     for _ in range(50):
-        path.write_bytes(damaged(data, rng))
+        path.write_bytes(mutate(data, rng))
         try:
             dd.problem_from_file(path)
         except SpecError as error:

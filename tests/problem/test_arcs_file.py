@@ -82,12 +82,6 @@ def test_graphml_of_a_directed_graph_is_read(tmp_path):
     assert triples(arcs) == [("a", "b", Fraction(1, 10)), ("c", "d", ONE)]
 
 
-def test_graphml_of_an_undirected_graph_gives_both_arcs(tmp_path):
-    graph = nx.Graph([("a", "b", {"weight": 3}), ("b", "c")])
-    arcs = read(tmp_path, graphml(tmp_path, graph), name="g.graphml")
-    assert sorted(triples(arcs)) == [("a", "b", Fraction(3)), ("b", "a", Fraction(3)), ("b", "c", ONE), ("c", "b", ONE)]
-
-
 HEAD = '<graphml xmlns="http://graphml.graphdrawing.org/xmlns">'
 
 

@@ -59,7 +59,6 @@ def read(text: str, **options: str) -> Problem:
 
 
 def keys_of(text: str) -> list[str | None]:
-    """The keys of what is refused."""
     with pytest.raises(SpecError) as caught:
         read(text)
     return [error.key for error in caught.value.errors]

@@ -124,7 +124,6 @@ def test_the_hash_changes_with_the_order_of_modes_and_with_labels():
         (b"[" * 100_000, "not valid JSON"),
         (b'{"a":' * 100_000, "not valid JSON"),
         (b'{"format":' + b"9" * 5000 + b"}", "not valid JSON"),
-        (b"{}", '"format": "dobc-problem"'),
         (b'{"format":"dobc-problem","format":"dobc-problem"}', "a key twice"),
         (b'{"format":"dobc-certificate"}', '"format": "dobc-problem"'),
         (b'{"format":"dobc-problem","version":2}', "has version 2; this program knows 1"),
@@ -141,11 +140,9 @@ def test_what_is_no_problem_json_is_refused(data, message):
     ("path", "value", "message"),
     [
         (("name",), 5, "name must be text"),
-        (("name",), "\x1b[31m", "name must be text of 1 to 100 printable"),
         (("notes",), "text", "notes must be a list"),
         (("notes",), ["\ud800"], r"notes\[0\] must be text"),
         (("labels",), ["a", "b", 3], "labels must be text"),
-        (("labels",), ["a", "b", "b"], "twice"),
         (("dimension",), 2, "dimension must be the number of state components, 1; got 2"),
         (("target",), ["1/0"], "denominator"),
         (("target",), [], "1 number"),
@@ -167,12 +164,9 @@ def test_what_is_no_problem_json_is_refused(data, message):
         (("gains",), [[0, [["1"]]], [0, [["2"]]]], "not listed already"),
         (("gains", 0, 1), [["-1"]], "k \\+ k' >= 0"),
         (("exosystem",), {"A": [["1"]]}, "exosystem must be an object with the keys A, C"),
-        (("exosystem",), None, "no meaning without an"),
-        (("observer",), None, "observer must be an object"),
         (("observer", "W"), [["1"]], "must have shape"),
         (("region", "initial_states"), None, "must be a pair"),
         (("simulation",), None, "simulation must be an object"),
-        (("simulation", "seed"), 1.0, "whole number"),
     ],
 )
 def test_a_wrong_value_is_refused_by_its_key(path, value, message):
@@ -186,7 +180,6 @@ def test_a_wrong_value_is_refused_by_its_key(path, value, message):
 
 
 def tables(value: object) -> Iterator[dict]:
-    """Every object in a JSON value."""
     children = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     yield from [value] if isinstance(value, dict) else []
     for child in children:

@@ -33,7 +33,6 @@ CONTRACT = {
 
 
 def table(schema: dict[str, Any], path: str) -> dict[str, Any]:
-    """The object schema of a table."""
     node = schema
     for part in filter(None, path.split(".")):
         node = node["properties"][part]

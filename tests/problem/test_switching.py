@@ -42,7 +42,6 @@ def generators(draw) -> list[list[Fraction]]:
 
 @st.composite
 def sections(draw) -> Switching:
-    """Any [switching] that makes sense."""
     signal = draw(st.sampled_from(SIGNALS))
     dwell = {"dwell": draw(st.none() | numbers)}
     if signal == "random":

@@ -103,7 +103,6 @@ def test_a_rational_of_ten_megabytes_is_refused(valid, text):
 
 
 def changed(valid: dict[str, Any], place: str, text: str) -> bytes:
-    """A document with this JSON in place of the part at a path."""
     document = json.loads(json.dumps(valid))
     holder: Any = document
     *keys, last = [int(part) if part.isdigit() else part for part in place.split()]
@@ -181,7 +180,6 @@ def test_a_pair_of_long_numbers_is_decided_in_time(name):
 
 
 def as_text(matrix: Any) -> list[list[str]]:
-    """Rationals of any length as text."""
     return [[f"{fmpz(x.numerator).str()}/{fmpz(x.denominator).str()}" for x in row] for row in matrix]
 
 

@@ -44,6 +44,10 @@ def dobc(*arguments: object, before: list[str] = [], **options: Any) -> subproce
     return ran
 
 
+def certify(out: Path, **options: Any) -> subprocess.CompletedProcess[str]:
+    return dobc("certify", "paper-fixed", "--no-report", "--json", "--out", out, **options)
+
+
 def refusal(ran: subprocess.CompletedProcess[str], code: int) -> dict[str, Any]:
     """The one JSON document on standard output, which is an error with a key and a cure."""
     assert (ran.returncode, ran.stderr) == (code, "")
@@ -55,7 +59,6 @@ def refusal(ran: subprocess.CompletedProcess[str], code: int) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Path:
-    """A folder with the files of a run."""
     folder = tmp_path_factory.mktemp("made")
     certified("paper-fixed").save(folder)
     return folder
@@ -86,16 +89,7 @@ def unprivileged() -> list[str]:
 def test_no_room_for_a_file_leaves_the_old_ones(folder, size):
     """A limit on the size of files does to a process what a full disk does; the write fails after ``size`` bytes."""
     before = contents(folder)
-    ran = dobc(
-        "certify",
-        "paper-fixed",
-        "--no-report",
-        "--json",
-        "--out",
-        folder,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
-    )
-    error = refusal(ran, 4)
+    error = refusal(certify(folder, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))), 4)
     assert ".json cannot be written: File too large" in error["message"]
     assert "--out" in error["cure"]
     assert contents(folder) == before
@@ -104,12 +98,8 @@ def test_no_room_for_a_file_leaves_the_old_ones(folder, size):
 def test_a_full_disk_leaves_the_old_files(folder, tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
-    if (
-        os.geteuid() != 0
-        or subprocess.run(
-            ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)], check=False, capture_output=True
-        ).returncode
-    ):
+    mount = ["mount", "-t", "tmpfs", "-o", "size=16k", "tmpfs", str(disk)]
+    if os.geteuid() != 0 or subprocess.run(mount, check=False, capture_output=True).returncode:
         pytest.skip("a small disk cannot be made here")
     try:
         for path in folder.iterdir():
@@ -118,7 +108,7 @@ def test_a_full_disk_leaves_the_old_files(folder, tmp_path):
             while stream.write(b"x" * 512):
                 pass
         before = contents(disk)
-        error = refusal(dobc("certify", "paper-fixed", "--no-report", "--json", "--out", disk), 4)
+        error = refusal(certify(disk), 4)
         assert "No space left on device" in error["message"]
         assert "Free some space" in error["cure"]
         assert contents(disk) == before
@@ -130,11 +120,11 @@ def test_a_folder_that_may_not_be_written_is_left_alone(folder):
     before = contents(folder)
     folder.chmod(0o555)
     try:
-        ran = dobc("certify", "paper-fixed", "--no-report", "--json", "--out", folder, before=unprivileged())
+        ran = certify(folder, before=unprivileged())
         error = refusal(ran, 4)
         assert "cannot be written: Permission denied" in error["message"]
         assert contents(folder) == before
-        ran = dobc("certify", "paper-fixed", "--no-report", "--json", "--out", folder / "new", before=unprivileged())
+        ran = certify(folder / "new", before=unprivileged())
         assert "cannot be made: Permission denied" in refusal(ran, 4)["message"]
     finally:
         folder.chmod(0o755)
@@ -144,7 +134,7 @@ def test_a_folder_in_place_of_a_file_stops_the_writing_before_it_begins(folder):
     (folder / "certificate.json").unlink()
     (folder / "certificate.json").mkdir()
     (folder / "problem.json").write_text("old", encoding="utf-8")
-    error = refusal(dobc("certify", "paper-fixed", "--no-report", "--json", "--out", folder), 4)
+    error = refusal(certify(folder), 4)
     assert "certificate.json cannot be written: Is a directory" in error["message"]
     assert "Move that folder away" in error["cure"]
     assert contents(folder) == {"problem.json": b"old"}
@@ -159,7 +149,7 @@ def test_what_is_no_folder_in_place_of_the_folder_is_a_mistake_told_at_once(tmp_
         os.mkfifo(place)
     else:
         place.symlink_to(place if kind == "link to itself" else tmp_path / "nowhere")
-    error = refusal(dobc("certify", "paper-fixed", "--no-report", "--json", "--out", place), 2)
+    error = refusal(certify(place), 2)
     assert error["key"] == "--out"
     assert "is not a folder" in error["message"]
     assert listing(tmp_path) == ["out"]
@@ -235,18 +225,9 @@ def test_files_that_may_not_be_read_are_mistakes(folder, tmp_path):
     assert "cannot be read: Permission denied" in error["message"]
 
 
-COMMANDS = [
-    ("problems",),
-    ("check", "paper-fixed"),
-    ("check", "paper-fixed", "--json"),
-    ("schema",),
-    ("explain", "theorem1"),
-    ("--help",),
-    ("--version",),
-    ("certify", "paper-fixed", "--no-report"),
-    ("certify", "paper-fixed", "--no-report", "--json"),
-    ("verify", "made", "--problem", "paper-fixed"),
-]
+COMMANDS = [("problems",), ("check", "paper-fixed"), ("check", "paper-fixed", "--json"), ("schema",), ("--help",)]
+COMMANDS += [("explain", "theorem1"), ("--version",), ("certify", "paper-fixed", "--no-report")]
+COMMANDS += [("certify", "paper-fixed", "--no-report", "--json"), ("verify", "made", "--problem", "paper-fixed")]
 
 
 @pytest.mark.parametrize("kind", ["full", "closed", "nobody reads"])

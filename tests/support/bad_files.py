@@ -169,12 +169,10 @@ def bad(
 
 
 def number(case: str, value: str, *words: str) -> BadFile:
-    """A ``target`` that is no number the contract allows."""
     return bad(f"number-{case}", target(value), "target", *words)
 
 
 def expression(case: str, text: str, *words: str) -> BadFile:
-    """A ``coupling.h`` that is no coupling."""
     return bad(f"expression-{case}", coupling(text), "coupling.h", *words)
 
 
@@ -427,7 +425,6 @@ BAD_FILES: list[BadFile] = [
 
 
 def labels(*last: str) -> str:
-    """VALID with further agents, whose labels are typed as given."""
     return agents(f"[1, 2, 3, 4, {', '.join(last)}]")
 
 
@@ -501,5 +498,4 @@ def write_case(case: BadFile, folder: Path) -> Path:
 
 
 def listing(folder: Path) -> list[str]:
-    """Everything that lies in a folder and below."""
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))

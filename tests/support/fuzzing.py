@@ -83,8 +83,6 @@ class Wrong(AssertionError):
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """One reader: what it gets, and what it may do with it."""
-
     name: str
     run: Callable[[bytes], bool]  # True: accepted; False: refused as it must be
     seeds: Callable[[], tuple[bytes, ...]]
@@ -93,8 +91,6 @@ class Target:
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Raise Hang in this (main) thread after so much CPU time."""
-
     def stop(*_: object) -> None:
         raise Hang
 
@@ -153,7 +149,6 @@ def _changed(data: bytes, r: Random, others: tuple[bytes, ...]) -> bytes:
 
 
 def _number_changed(data: bytes, r: Random) -> bytes:
-    """Put a token in the place of a run of digits."""
     places = [k for k in range(len(data)) if data[k : k + 1].isdigit() and not data[k - 1 : k].isdigit()]
     if not places:
         return data
@@ -230,7 +225,6 @@ def _check_enclosure(expression: Expression, box: Interval, function: Callable[.
 
 
 def read_arcs(data: bytes) -> bool:
-    """The first byte chooses the format."""
     suffix = {0: ".graphml", 1: ".edges"}.get(data[0] % 4, ".csv") if data else ".csv"
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, f"arcs{suffix}").write_bytes(data[1:])
@@ -351,5 +345,4 @@ def _tree_changed(data: bytes, r: Random, others: tuple[bytes, ...]) -> bytes | 
 
 
 def as_text(data: bytes) -> str:
-    """An input, short enough for a table."""
     return json.dumps(data.decode("latin-1"))[:300]

@@ -32,7 +32,6 @@ WEIGHTS = ("1/2", 2, "1/3", 3.2, 5, "7/5")
 
 
 def random_problem(seed: int) -> Problem:
-    """A problem of a random kind."""
     return _problem(Random(seed), linear=False)
 
 

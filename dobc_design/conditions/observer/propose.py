@@ -215,8 +215,7 @@ def propose_pairs(
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
     """Rational (P, P W) to be tried in turn, each with a sentence on how it came about ("" for the usual way).
 
-    ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about the decay rate of A - WC > 0 (1/s).
-    ``time_limit`` in s, for one call of a solver; the last pairs need no solver.
+    ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about that of A - WC > 0 (1/s); the last need no solver.
     """
     why = "there was no estimate to start a solver from"
     if bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
@@ -267,10 +266,7 @@ class GainDesign:
 
 
 def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limit: float = TIME_LIMIT) -> GainDesign:
-    """Design W (q, m) so that A - WC decays at least at ``rate`` (1/s): Theorem 1 with the rate added, W = P^-1 Q.
-
-    ``time_limit`` in s, for one call of a solver; the ladder ends with a gain that needs no solver.
-    """
+    """Design W (q, m) so that A - WC decays at ``rate`` (1/s); ``time_limit`` (s) for one call of a solver."""
     if decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
         return GainDesign(W=None, rate=None, note="no W exists: (A, C) is not detectable.")
     prefix, asked, kalman, wanted = "", "as asked", None, rate

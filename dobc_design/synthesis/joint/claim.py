@@ -82,10 +82,7 @@ def read_design_request(
     digits: Any = 3,
     reduce: Any = True,
 ) -> DesignRequest:
-    """Read the arguments of ``design``; agents by label, numbers exactly.
-
-    Raises: SpecError that names every wrong argument.
-    """
+    """Read the arguments of ``design``, exactly.  Raises: SpecError that names every wrong one."""
     asked = {"allowed": allowed, "max_gain": max_gain, "pins": pins, "digits": digits}
     pinning, limits, reduce = read_all(
         lambda: read_request(labels, rate=1 if rate is None else rate, **asked),
@@ -230,24 +227,18 @@ class TradeOff(Shown):
         lines = [f"{self.name}: {self.y_name} against {self.x_name}"]
         for point in self._all():
             marks = ", ".join(point.pinned[:8]) + (", ..." if len(point.pinned) > 8 else "")
-            lines.append(
-                f"  {point.x:<10.4g} {point.y:<10.4g} {'pinned ' + marks if marks else ''}".rstrip()
-                + ("   <- chosen" if point is self.chosen else "")
-            )
+            line = f"  {point.x:<10.4g} {point.y:<10.4g} {'pinned ' + marks if marks else ''}".rstrip()
+            lines.append(f"{line}   <- chosen" if point is self.chosen else line)
         return "\n".join([*lines, *(f"  {sentence}" for sentence in self.sensitivity)])
 
     def plot(self) -> Sheet:
         """The curve as a figure, with the chosen point."""
         from dobc_design.plotting.sweeps import trade_off_sheet
 
-        return trade_off_sheet(
-            [(point.x, point.y) for point in self.points],
-            x_name=self.x_name,
-            y_name=self.y_name,
-            chosen=None if self.chosen is None else (self.chosen.x, self.chosen.y),
-            name=self.name,
-            steps=self.curve == "pins",
-        )
+        points = [(point.x, point.y) for point in self.points]
+        chosen = None if self.chosen is None else (self.chosen.x, self.chosen.y)
+        names = {"x_name": self.x_name, "y_name": self.y_name, "name": self.name}
+        return trade_off_sheet(points, chosen=chosen, steps=self.curve == "pins", **names)
 
     def to_pandas(self) -> pd.DataFrame:
         """One row per point: x, y, pinned, proved, chosen.  Raises: SpecError if pandas is not installed."""

@@ -64,10 +64,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ground:
-    """One request and its problem without W and gains; ``changes`` took the exosystem's hidden part out.
-
-    ``part``: of the fastest rate, what is aimed at where no rate is asked for.
-    """
+    """One request and its problem without W and gains; without a rate, ``part`` of the fastest one is aimed at."""
 
     problem: Problem
     request: DesignRequest
@@ -79,10 +76,7 @@ class Ground:
     observers: list[ObserverDesign | None] = field(default_factory=list)
 
     def every_observer(self) -> Iterator[ObserverDesign | None]:
-        """All gains worth trying, slow ones first, each designed when it is first asked for; None where none is needed.
-
-        The first may be without a W: then it says why there is none.
-        """
+        """All gains worth trying, slow ones first (None: none is needed); the first may say why there is no W."""
         if not self.observers:
             self.observers.append(self._first_observer() if self.problem.groups else None)
         first = self.observers[0]
@@ -105,8 +99,8 @@ class Ground:
         first, asked = observer_at(self.problem, self.request, None), self.request.rate
         if asked is None or first.W is None or _pace(first) >= MARGIN * asked:
             return first
-        first = observer_at(self.problem, self.request, MARGIN * asked)
-        return observer_at(self.problem, self.request, asked * Fraction(101, 100)) if first.W is None else first
+        fast = observer_at(self.problem, self.request, MARGIN * asked)
+        return observer_at(self.problem, self.request, asked * Fraction(101, 100)) if fast.W is None else fast
 
     def pinning(self, rate: Fraction, agents: Sequence[int], pins: int | str | None = None) -> PinningDesign:
         """The cheapest gains on these agents near the consensus."""
@@ -131,12 +125,12 @@ class Ground:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """W and gains (1/s, rounded) meant for the rate ``aim`` (1/s), with what is to be said of them."""
+    """W and gains (1/s, rounded) on at most the ``pinned`` agents, meant for the rate ``aim`` (1/s)."""
 
     observer: ObserverDesign | None
     gains: Mapping[int, Fraction]
+    pinned: Sequence[int]
     aim: float
-    decisions: tuple[str, ...]
     prices: tuple[str, ...]
 
 
@@ -196,7 +190,11 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     problem, request = ground.problem, ground.request
     labels = problem.network.labels
     gains = {labels[i]: k for i, k in sorted(proposal.gains.items())}
-    W = None if proposal.observer is None else proposal.observer.W
+    W, said = (None, []) if proposal.observer is None else (proposal.observer.W, observer_words(proposal.observer))
+    fixed = request.pins is not None and len(proposal.pinned) >= request.pins
+    said.append(pins_words(problem, ground.structure, sorted(proposal.gains), fixed=fixed))
+    part = None if request.rate else ground.part
+    said.append(gains_words(problem, proposal.gains, digits=request.digits, part=part))
     wanted: dict[str, Any] = {"pinning.gains": {label: typed_number(k) for label, k in gains.items()}}
     if W is not None:
         wanted |= gain_changes(problem, W)
@@ -207,13 +205,11 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     if proof.verdict is Verdict.PROVED and (proof.rate or 0.0) < hoped and designed.is_linear and designed.region:
         proof = certify(designed, everything=True)  # a proof of every start came first, with a lower rate
         whole = " That rate is proved when every condition is run (dobc certify --all)."
-    verdict, reason = Verdict.UNDECIDED, proof.reason
-    if proof.verdict is Verdict.PROVED:
-        if request.rate is None or (proof.rate is not None and claimed(proof.rate) >= request.rate):
-            verdict = Verdict.PROVED
-        else:
-            asked = f"{typed_number(request.rate)} was asked for."
-            reason = f"the rate proved is {proof.rate or 0:.4g} 1/s, {asked}"
+    verdict = Verdict.PROVED if proof.verdict is Verdict.PROVED else Verdict.UNDECIDED
+    reason = proof.reason
+    if verdict is Verdict.PROVED and request.rate is not None and claimed(proof.rate or 0.0) < request.rate:
+        verdict, asked = Verdict.UNDECIDED, f"{typed_number(request.rate)} was asked for."
+        reason = f"the rate proved is {proof.rate or 0:.4g} 1/s, {asked}"
     return Design(
         verdict=verdict,
         reason=reason,
@@ -224,7 +220,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         gains=gains,
         rate=proof.rate,
         cost=sum(gains.values(), Fraction(0)),
-        decisions=(*proposal.decisions, f"Proved by: {proof.covered_by or 'nothing yet'}.{whole}"),
+        decisions=(*ground.decisions, *said, f"Proved by: {proof.covered_by or 'nothing yet'}.{whole}"),
         prices=proposal.prices,
         changes={**ground.changes, **wanted},
         problem=designed,
@@ -341,7 +337,7 @@ def _over_region(
             return
         gains = typed_gains(found.gains, digits=request.digits, caps=caps)
         prices = tuple(price_words(ground.problem, found, request.allowed, caps))
-        yield _proposal(ground, observer, gains, pinned, aim=target, prices=prices)
+        yield Proposal(observer=observer, gains=gains, pinned=pinned, aim=target, prices=prices)
 
 
 def of_consensus(ground: Ground) -> Iterator[Proposal]:
@@ -359,7 +355,7 @@ def of_consensus(ground: Ground) -> Iterator[Proposal]:
                 break
             gains = {ground.problem.network.index[label]: k for label, k in found.gains.items()}
             prices = (*found.prices, *found.ties)
-            yield _proposal(ground, observer, gains, tuple(gains), aim=float(rate), prices=prices)
+            yield Proposal(observer=observer, gains=gains, pinned=tuple(gains), aim=float(rate), prices=prices)
 
 
 def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
@@ -391,10 +387,7 @@ def pin_sets(
     most: int,
     one_by_one: bool = False,
 ) -> Iterator[tuple[int, ...]]:
-    """Sets of at most ``most`` allowed agents, growing; each holds the one before it, the last all that are allowed.
-
-    ``one_by_one``: by one agent each time, however many there are.
-    """
+    """Growing sets of at most ``most`` allowed agents, each with the one before it; ``one_by_one``: one agent more."""
     blocks = network_blocks(search.problem)
 
     @cache
@@ -435,40 +428,17 @@ def pin_sets(
         yield tuple(sorted(chosen))
 
 
-def _proposal(
-    ground: Ground,
-    observer: ObserverDesign | None,
-    gains: Mapping[int, Fraction],
-    pinned: Sequence[int],
-    *,
-    aim: float,
-    prices: tuple[str, ...],
-) -> Proposal:
-    request = ground.request
-    fixed = request.pins is not None and len(pinned) >= request.pins
-    decisions = (
-        *ground.decisions,
-        *([] if observer is None else observer_words(observer)),
-        pins_words(ground.problem, ground.structure, sorted(gains), fixed=fixed),
-        gains_words(ground.problem, gains, digits=request.digits, part=None if request.rate else ground.part),
-    )
-    return Proposal(observer=observer, gains=gains, aim=aim, decisions=decisions, prices=prices)
-
-
-def observer_words(found: ObserverDesign) -> list[str]:
+def observer_words(found: ObserverDesign, whose: str = "") -> list[str]:
     """W, how fast its error decays, how it came about; a sentence for every group of agents."""
-    if not found.groups:
-        return [f"Observer: {_gain_words(found)}"]
-    return [f"Observer of the group of agent {name}: {_gain_words(each)}" for name, each in found.groups.items()]
-
-
-def _gain_words(found: ObserverDesign) -> str:
+    if found.groups:
+        own = (observer_words(each, f" of the group of agent {name}") for name, each in found.groups.items())
+        return [sentence for sentences in own for sentence in sentences]
     rate, gain, noise = (found.measures.get(name) for name in ("rate", "gain", "hinf measurement"))
     pace = f" at {rate:.4g} 1/s" if rate else ""
     loud = f", noise on the measured x reaches dhat with a gain of at most {noise:.4g} 1/s" if noise else ""
     size = f" |W| = {gain:.4g}." if gain else ""
     rows = value_text(typed_matrix(found.W or ()))
-    return f"W = {rows} ({found.source}): the error of the estimate decays{pace}{loud}.{size}"
+    return [f"Observer{whose}: W = {rows} ({found.source}): the error of the estimate decays{pace}{loud}.{size}"]
 
 
 def pins_words(problem: Problem, structure: Structure, pinned: Sequence[int], *, fixed: bool) -> str:
@@ -607,7 +577,7 @@ def _largest_step(points: Sequence[TradePoint]) -> Iterator[str]:
 
 
 def _noise_point(observer: ObserverDesign) -> list[TradePoint]:
-    noise, pace = observer.measures.get("hinf measurement"), observer.measures.get("rate")
+    pace, noise = (observer.measures.get(name) for name in ("rate", "hinf measurement"))
     return [] if noise is None or pace is None else [TradePoint(x=pace, y=noise, proved=True)]
 
 

@@ -22,6 +22,7 @@ from dobc_design.conditions.numbers import claimed, largest_proved
 from dobc_design.conditions.observer.decide import detectability_check, error_matrix
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError
+from dobc_design.exact import polynomial as roots
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import (
@@ -45,20 +46,7 @@ from dobc_design.exact.matrix_exponential import (
 )
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction
-from dobc_design.exact.polynomial import (
-    Coefficients,
-    characteristic_polynomial,
-    cone_image,
-    count_right_half_plane,
-    decide_hurwitz,
-    decide_images,
-    disk_image,
-    has_root_up_to_zero,
-    polynomial_text,
-    reflected,
-    routh,
-    shifted,
-)
+from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
 from dobc_design.exact.reading import shown_number
 from dobc_design.problem.changes import value_text
 from dobc_design.problem.exosystems import Exosystem
@@ -95,18 +83,18 @@ def gain_statements(exosystem: Exosystem, W: Matrix, request: ObserverRequest) -
 def image(region: SpectralRegion, polynomial: Coefficients) -> Coefficients:
     """A polynomial that has no root with positive real part iff the roots of a monic one lie in the closed region."""
     if isinstance(region, Disk):
-        return disk_image(polynomial, centre=region.centre, radius=region.radius)
+        return roots.disk_image(polynomial, centre=region.centre, radius=region.radius)
     if isinstance(region, Cone):
-        return cone_image(polynomial, damping=region.damping)
+        return roots.cone_image(polynomial, damping=region.damping)
     if region.left_of is not None:
-        return shifted(polynomial, region.left_of)
-    return reflected(shifted(polynomial, region.right_of or Fraction(0)))
+        return roots.shifted(polynomial, region.left_of)
+    return roots.reflected(roots.shifted(polynomial, region.right_of or Fraction(0)))
 
 
 def roots_inside(polynomial: Coefficients, region: SpectralRegion) -> tuple[bool, bool]:
     """Whether every root lies in the closed region, and whether in its interior: exact."""
     degree = (len(polynomial) - 1) * (2 if isinstance(region, Cone) else 1)
-    return decide_images((image(region, polynomial),), degree=degree)
+    return roots.decide_images((image(region, polynomial),), degree=degree)
 
 
 def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region") -> Statement:
@@ -114,7 +102,7 @@ def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region")
     polynomial = characteristic_polynomial(F)
     inside, strictly = roots_inside(polynomial, region)
     text = f"every eigenvalue of A - WC lies in {region}"
-    shown = {"polynomial": polynomial_text(polynomial)}
+    shown = {"polynomial": roots.polynomial_text(polynomial)}
     if not inside:
         return refuted(kind, f"it is false that {text}.", **shown)
     return proved(kind, f"{text}, {'and none' if strictly else 'with one'} on its border.", **shown)
@@ -122,7 +110,7 @@ def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region")
 
 def hurwitz_statement(F: Matrix) -> Statement:
     """State whether F = A - W C is Hurwitz, by Routh's first column."""
-    table = decide_hurwitz(F)
+    table = roots.decide_hurwitz(F)
     column = ", ".join(number_text(x) for x in table.first_column)
     if table.verdict is Verdict.PROVED:
         return proved("hurwitz", "A - WC is Hurwitz.", routh=column)
@@ -158,10 +146,7 @@ def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> Interva
 def sampled_statements(
     exosystem: Exosystem, W: Matrix, *, period: Fraction, rate: Fraction | None, regions: Sequence[SpectralRegion]
 ) -> tuple[Statement, ...]:
-    """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks of the z-plane.
-
-    UNDECIDED where an eigenvalue is too close to the border for the enclosure.
-    """
+    """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED close to a border."""
     polynomial = interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
     asked = [("sampled", text, Fraction(0), Interval.point(1))]
@@ -175,9 +160,9 @@ def sampled_statements(
     shown = {"period": number_text(period), "width": f"{float(max(x.width for x in polynomial)):.1e}"}
 
     def state(kind: str, text: str, centre: Fraction, radius: Interval) -> Statement:  # the radius is enclosed as well
-        if interval_routh(disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
+        if interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
             return proved(kind, f"{text}.", **shown)
-        if interval_routh(disk_image(polynomial, centre=centre, radius=radius.hi)) is Verdict.REFUTED:
+        if interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.hi)) is Verdict.REFUTED:
             return refuted(kind, f"it is false that {text}.", **shown)
         return undecided(kind, f"it stays open whether {text}.", **shown)
 
@@ -195,10 +180,7 @@ class StateSpace:
 
 
 def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
-    """The transfer function of one channel, "measurement", "disturbance" or "exosystem", exactly.
-
-    Raises: SpecError for another name.
-    """
+    """The transfer function of one channel, exactly.  Raises: SpecError for a name that is none of CHANNELS."""
     if name not in CHANNELS:
         raise SpecError(f"channel must be one of {', '.join(CHANNELS)}; got {name!r}.", key="channel")
     F, C = error_matrix(exosystem, W), exosystem.C
@@ -210,7 +192,7 @@ def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
 
 def h2_squared(system: StateSpace) -> Fraction | None:
     """The square of the H2 norm, exactly; None if it is infinite (F not Hurwitz or D not 0)."""
-    if any(x for row in system.D for x in row) or decide_hurwitz(system.F).verdict is not Verdict.PROVED:
+    if any(x for row in system.D for x in row) or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED:
         return None
     X = solve_lyapunov(transpose(system.F), multiply(system.B, transpose(system.B)))
     if X is None:  # cannot be for a Hurwitz F
@@ -220,7 +202,7 @@ def h2_squared(system: StateSpace) -> Fraction | None:
 
 def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     """Whether F is Hurwitz and the H-infinity norm is < gamma: exact both ways."""
-    if gamma <= 0 or decide_hurwitz(system.F).verdict is not Verdict.PROVED:
+    if gamma <= 0 or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED:
         return False
     F, B, C, D = system.F, system.B, system.C, system.D
     room = subtract(scale(gamma * gamma, identity(len(B[0]))), multiply(transpose(D), D))
@@ -233,7 +215,7 @@ def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     lower = scale(-1, multiply(multiply(transpose(C), inner), C))
     halves = ((closed, upper), (lower, scale(-1, transpose(closed))))
     hamiltonian = tuple(p + s for left, right in halves for p, s in zip(left, right, strict=True))
-    return not has_root_up_to_zero(characteristic_polynomial(hamiltonian)[::2])  # a polynomial in s^2
+    return not roots.has_root_up_to_zero(characteristic_polynomial(hamiltonian)[::2])  # a polynomial in s^2
 
 
 def root_above(square: Fraction) -> float:
@@ -266,10 +248,7 @@ def size_above(W: Matrix) -> float:
 
 
 def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> Statement | None:
-    """State |eps(t)| <= k exp(-rate t) |eps(0)| with k = root of upper / lower, if P proves it; None if it does not.
-
-    P >= lower I > 0, P <= upper I, F'P + P F + 2 rate P <= 0: exact.
-    """
+    """|eps(t)| <= root(upper / lower) exp(-rate t) |eps(0)|, if F'P + P F + 2 rate P <= 0 and the bounds of P hold."""
     P, F, q = envelope.P, error_matrix(exosystem, W), exosystem.order
     if envelope.lower <= 0 or not is_symmetric(P):
         return None
@@ -309,10 +288,7 @@ def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, flo
 
 
 def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
-    """A proof that no W meets a request, or None if none was found; for a sampled observer that of detectability alone.
-
-    The kind of the refuted Statement says which part of the request fails: "detectable", "rate", "region" or "noise".
-    """
+    """A proof that no W meets a request, or None; its kind says what fails: detectable, rate, region or noise."""
     found = decide_detectable(exosystem.A, exosystem.C)
     hidden, regions = found.unobservable_text, request.all_regions
     if found.verdict is not Verdict.PROVED:
@@ -334,10 +310,7 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
 
 
 def reduced_exosystem(problem: Problem, *, reduce: bool) -> tuple[Mapping[str, Any], tuple[str, ...], Statement | None]:
-    """The observable part in place of an undetectable exosystem, and its sentence; or why there is no W at all.
-
-    That of one group of agents among several is named, and left to the caller.
-    """
+    """The observable part of an undetectable exosystem as changes, with a sentence; or why there is no W at all."""
     if problem.is_grouped:
         return {}, (), next(_undetectable_groups(problem, reduce=reduce), None)
     check = None if problem.exosystem is None else detectability_check(problem.exosystem, problem)
@@ -370,15 +343,15 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
 
 def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     """A rate (1/s) that the hidden eigenvalues reach, proved, close to the largest; None if there is none."""
-    if len(polynomial) < 2 or routh(polynomial).verdict is not Verdict.PROVED:
+    if len(polynomial) < 2 or roots.routh(polynomial).verdict is not Verdict.PROVED:
         return None
     low, high = Fraction(0), 1 + sum((abs(x) for x in polynomial), Fraction(0))  # Cauchy's bound
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        reached = count_right_half_plane(shifted(polynomial, -middle)) == 0
+        reached = roots.count_right_half_plane(roots.shifted(polynomial, -middle)) == 0
         low, high = (middle, high) if reached else (low, middle)
     short = high.limit_denominator(1000)
-    if short >= low > 0 and count_right_half_plane(shifted(polynomial, -short)) == 0:
+    if short >= low > 0 and roots.count_right_half_plane(roots.shifted(polynomial, -short)) == 0:
         return short
     return low or None
 
@@ -391,10 +364,10 @@ def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | No
     """
     A = observable_reduction(exosystem.A, exosystem.C)[0]
     polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
-    if len(polynomial) < 2 or routh(polynomial).verdict is Verdict.PROVED:
+    if len(polynomial) < 2 or roots.routh(polynomial).verdict is Verdict.PROVED:
         return None
     # If none decays, all eigenvalues count, and one of them is not inside the open disk of the bound.
-    none_decays = count_right_half_plane(reflected(polynomial)) == 0
+    none_decays = roots.count_right_half_plane(roots.reflected(polynomial)) == 0
     for limit in (each for each in request.noise if each.norm == "hinf"):
         because = ""
         if limit.channel == "disturbance" and limit.bound <= 1:

@@ -1,7 +1,6 @@
 """Candidates for an observer gain W and for the P of its envelope, in floating point: nothing here is believed.
 
-W: linear matrix inequalities for (P, Q) with W = P^-1 Q, and Kalman gains, the smallest |W| first, rounded to digits;
-at last exact pole placement.  With M = P A - Q C = P (A - W C) every condition is affine in (P, Q):
+With M = P A - Q C = P (A - W C) every condition is affine in (P, Q), W = P^-1 Q:
 
     Re s <= a      M + M' - 2 a P <= 0                      (Chilali and Gahinet 1996, here and below)
     |s - x| <= r   [[-r P, M - x P], [., -r P]] <= 0
@@ -9,8 +8,8 @@ at last exact pole placement.  With M = P A - Q C = P (A - W C) every condition 
     H-infinity     [[M + M', B, C'], [., -g I, 0], [., ., -g I]] <= 0,  B = Q, or P for an input of the exosystem
     H2             M + M' + C'C <= 0 and [[g^2/m I, Q'], [Q, P]] >= 0, or tr P <= g^2
 
-One P for all of them makes it sufficient, not necessary.  Noise on the measured x is not among them: its output matrix
-C (A - W C) is not affine; Kalman gains from fast to slow are tried for it.
+One P for all of them makes it sufficient, not necessary.  Noise on the measured x is not among them, because its output
+matrix C (A - W C) is not affine; Kalman gains from fast to slow are tried for it.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import product
 
 import numpy as np
 from scipy import linalg
@@ -77,10 +77,7 @@ class Plant:
 
 
 def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
-    """Rational W (q, m) and how each came about, for a request that has a rate or leaves it open.
-
-    Never raises for numbers that floats cannot hold: then only the exact placement is left.
-    """
+    """Rational W (q, m) and how each came about; numbers beyond the floats leave only the exact placement."""
     with suppress(*GIVEN_UP):
         yield from _from_floats(exosystem, make_plant(exosystem, request), request)
     if request.period is None:  # all observable poles at one real point, in units in which the numbers are near 1
@@ -114,26 +111,21 @@ def _from_floats(exosystem: Exosystem, plant: Plant, request: ObserverRequest) -
     if not len(plant.A):
         yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
         return
-    exact: list[tuple[Array, str]] = []
+    found = []
     for W, source in _gains(plant, request):
         yield round_matrix(plant.T.T @ W, request.digits), source
-        if len(exact) < 2 * len(SLACKS):
-            exact.append((W, source))
-    for digits in MORE_DIGITS:
+        found.append((W, source))
+    for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
         if digits > request.digits:
-            for W, source in exact:
-                yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
+            yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
 
 
 def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
     """Gains for the regions with the smallest |W| of what the methods give first; then those for bounds on noise."""
     inequalities = "linear matrix inequalities"
     rates = [Fraction(0)]  # to be added where none was asked: half that of the Kalman gain, then smaller ones
-    if (
-        request.rate is None
-        and not plant.sampled
-        and (rate := half_rate(plant.A, plant.C, kalman_gain(plant.A, plant.C)))
-    ):
+    rate = half_rate(plant.A, plant.C, kalman_gain(plant.A, plant.C))
+    if rate and request.rate is None and not plant.sampled:
         rates = [*(rate / 2**k for k in range(STEPS if request.noise else 1)), Fraction(0)]
     for rate in rates:
         regions = (HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
@@ -156,9 +148,7 @@ def _inner_point(request: ObserverRequest) -> Fraction:
     """A real point of all regions, away from their ends where there is room."""
     low, high = common_interval(request.all_regions) or (None, None)
     high = Fraction(0) if high is None else high
-    if low is None:
-        return high - max(Fraction(1), abs(high) / 10)
-    return (low + high) / 2
+    return high - max(Fraction(1), abs(high) / 10) if low is None else (low + high) / 2
 
 
 def lmi_gain(
@@ -267,12 +257,8 @@ def kalman_gains(
 
 
 def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) -> Iterator[Envelope]:
-    """P with (F + rate I)'P + P (F + rate I) = -I for F = A - W C, rounded, to be tried in turn.
-
-    ``rate`` (1/s): the one asked, else half the decay rate of F; smaller ones follow, because F decays faster than that
-    of an equation.
-    """
-    try:
+    """P with (F + rate I)'P + P (F + rate I) = -I, rounded, for the ``rate`` (None: half that of F) and smaller."""
+    with suppress(*GIVEN_UP):
         F = to_float(error_matrix(exosystem, W))
         decay = float(-np.max(np.linalg.eigvals(F).real))
         wanted = min(float(rate), decay) if rate is not None else decay / 2
@@ -286,8 +272,6 @@ def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) ->
                 if lower > 0:
                     bounds = Fraction(f"{lower:.12g}"), Fraction(f"{upper:.12g}")
                     yield Envelope(P=rounded, rate=exact, lower=bounds[0], upper=bounds[1])
-    except GIVEN_UP:
-        return
 
 
 def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:

@@ -153,14 +153,6 @@ class Bound:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Obstacle:
-    """A direction v (n m) of one mode, v'(Lambda0 - 2 K + 2 rate I) v >= 0 for all gains within the limits."""
-
-    mode: str
-    vector: Vector
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Structure:
     """``groups``: agent indices, each group needs a pin.  ``least``: no fewer allowed agents meet all groups.
 
@@ -273,10 +265,7 @@ def without_gains(
 
 
 def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, agents: Collection[int]) -> Iterator[str]:
-    """What each limit costs, from the exact multipliers: every sentence is a consequence of the lower bound.
-
-    ``agents``: those that may have a gain in the bound.
-    """
+    """What each limit costs, from the exact multipliers; ``agents`` are those that may have a gain in the bound."""
     labels = problem.network.labels
     if not bound.vectors:
         return

@@ -39,7 +39,7 @@ from dobc_design.exact.zmatrix import proves
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.reaching import closed_groups
-from dobc_design.synthesis.pinning.claim import Bound, Obstacle, PinningRequest, Structure, rounded_up
+from dobc_design.synthesis.pinning.claim import Bound, PinningRequest, Structure, rounded_up
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -108,8 +108,10 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
     )
 
 
-def obstacle_to(ground: Ground, allowed: Collection[int], rate: Fraction, candidates: Vectors = ()) -> Obstacle | None:
-    """A direction that no gains on the ``allowed`` agents hold at this rate, or None if none was found.
+def obstacle_to(
+    ground: Ground, allowed: Collection[int], rate: Fraction, candidates: Vectors = ()
+) -> tuple[str, Vector] | None:
+    """A mode and a direction v (n m) that no gains on the ``allowed`` agents hold: v'(Lambda0 - 2 K + 2 rate I) v >= 0.
 
     Gains with a cap stand at it, which is best; the direction is 0 on agents whose gain has no cap.
     """
@@ -127,7 +129,7 @@ def obstacle_to(ground: Ground, allowed: Collection[int], rate: Fraction, candid
         if vector is None and len(rows) <= LARGEST:
             vector = find_witness(matrix, fitting, rows=rows)
         if vector is not None:
-            return Obstacle(mode=mode, vector=vector)
+            return mode, vector
     return None
 
 
@@ -170,18 +172,17 @@ def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
     """Whether the directions are independent, and v'(Lambda0 + 2 rate I)v >= 0 for all their combinations."""
     columns = np.array([[round(x / max(map(abs, v)) * COARSE) for x in v] for v in vectors], dtype=object).T
     lower = enclosed.middle.shifted(2 * rate - enclosed.radius)
-    common = math.lcm(1, *(x.denominator for x in lower.entries.values()))
+    common = math.lcm(1, *(x.denominator for x in lower.entries.values()))  # integers are quicker
     matrix = np.zeros((lower.size, lower.size), dtype=object)
     for (i, j), value in lower.entries.items():
         matrix[i, j] = matrix[j, i] = int(value * common)
-    independent = decide_positive_definite(_symmetric(columns.T @ columns)).verdict is Verdict.PROVED
-    form = columns.T @ (matrix @ columns)
-    return independent and decide_positive_semidefinite(_symmetric(form)).verdict is Verdict.PROVED
 
+    def symmetric(table: Any) -> SparseSymmetric:
+        return SparseSymmetric.from_dense(tuple(tuple(Fraction(int(x)) for x in row) for row in table))
 
-def _symmetric(table: Any) -> SparseSymmetric:
-    size = len(table)
-    return SparseSymmetric(size, {(i, j): Fraction(int(table[i, j])) for i in range(size) for j in range(i, size)})
+    independent = decide_positive_definite(symmetric(columns.T @ columns)).verdict is Verdict.PROVED
+    form = symmetric(columns.T @ (matrix @ columns))
+    return independent and decide_positive_semidefinite(form).verdict is Verdict.PROVED
 
 
 def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
@@ -274,10 +275,7 @@ class SlowDirection:
 def slow_direction(
     jacobians: Jacobians, pinned: Collection[int], caps: Mapping[int, Fraction], propose: Directions
 ) -> SlowDirection | None:
-    """The proved direction with the lowest limit for scalar gains on the ``pinned`` agents; None without any.
-
-    ``caps``: the largest gain (1/s) of agents that have one.
-    """
+    """The proved direction with the lowest limit for scalar gains on the ``pinned`` agents; None without any."""
     best: SlowDirection | None = None
     for mode in jacobians.modes:
         if not mode.is_nonnegative_diagonal:
@@ -294,10 +292,7 @@ def slow_direction(
 def limit_of(
     mode: ModeJacobian, component: int, w: Sequence[int], *, pinned: Collection[int], caps: Mapping[int, Fraction]
 ) -> Fraction | None:
-    """The rate (1/s) that w shows to be out of reach, above: the largest -(M w)_i / w_i, at least 0; exact.
-
-    None if w shows nothing: it is 0, has a negative entry, or moves an agent whose gain has no limit.
-    """
+    """The rate (1/s) out of reach by w: the largest -(M w)_i / w_i; None if w is 0, not >= 0 or moves a free agent."""
     free = set(pinned) - set(caps)
     if not any(w) or min(w) < 0 or any(w[i] for i in free) or not mode.is_nonnegative_diagonal:
         return None

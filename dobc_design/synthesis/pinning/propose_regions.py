@@ -1,9 +1,8 @@
 """Proposals for gains over a region: the smallest ones with which a max-separable v exists (theory, section 5).
 
-Given v, a pinned agent needs k_i >= rate + (its largest row sum) / (s v_i), and the rows of the others have to hold as
-they are.  The other rows have a least v for every choice of v on the pins; that choice is improved by linear programs
-in log v with a trust region.  Which rates gains on given agents can reach is found by bisection.  Every row has a
-price: one linear solve gives what a faster rate costs and which other agent a gain would help most.  Floating point.
+A pinned agent needs k_i >= rate + (its largest row sum) / (s v_i); the other rows have a least v for every v on the
+pins, which is improved by linear programs in log v with a trust region.  Which rates gains can reach is found by
+bisection; one linear solve gives what a faster rate costs and which other agent a gain would help most.
 """
 
 from __future__ import annotations
@@ -73,8 +72,8 @@ def propose_for_box(
 ) -> list[tuple[Vector, Array]]:
     """v (n,), exact with min v = 1, and gains (n,) for it with which the rows hold with ``rate`` for all s in (0, rho].
 
-    The cheapest found; the same v with more and more digits, as long as rounding makes the gains no dearer than their
-    own digits do, and the last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear.
+    The cheapest v with more and more digits, if rounding makes the gains no dearer than their own digits do, and the
+    last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear.
     """
     if rho is not None and rho > LARGEST_RADIUS:
         return []
@@ -202,10 +201,7 @@ class RegionGains:
 
 
 class RegionSearch:
-    """One problem (its gains are not looked at), one W (q, m), one region: |e|_inf <= radius, |eps_i| <= disturbance.
-
-    ``radius`` None: near the consensus, as close as need be.
-    """
+    """One problem without its gains, one W (q, m), one region: |e|_inf <= radius, |eps_i| <= disturbance."""
 
     def __init__(self, problem: Problem, W: Matrix | None, *, radius: Fraction, disturbance: Fraction) -> None:
         self.problem, self.W, self.radius, self.disturbance = problem, W, radius, disturbance
@@ -247,10 +243,7 @@ class RegionSearch:
         coarse: bool = False,
         start: Array | None = None,
     ) -> Array | None:
-        """The least v >= 1 with the largest gains that are allowed; None if there is none.
-
-        ``start``: the answer for a lower rate, which lies below.
-        """
+        """The least v >= 1 with the largest gains allowed, or None; ``start``: the answer for a lower rate."""
         field = self.field(rate, coarse=coarse)
         if field is None:
             return None

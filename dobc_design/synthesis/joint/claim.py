@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -72,32 +73,14 @@ class DesignRequest:
 
 
 def read_design_request(
-    labels: Sequence[str],
-    *,
-    rate: Any = None,
-    allowed: Any = None,
-    max_gain: Any = None,
-    pins: Any = None,
-    noise: Any = None,
-    digits: Any = 3,
-    reduce: Any = True,
+    labels: Sequence[str], *, rate: Any = None, noise: Any = None, reduce: Any = True, **asked: Any
 ) -> DesignRequest:
     """Read the arguments of ``design``, exactly.  Raises: SpecError that names every wrong one."""
-    asked = {"allowed": allowed, "max_gain": max_gain, "pins": pins, "digits": digits}
-    pinning, limits, reduce = read_all(
-        lambda: read_request(labels, rate=1 if rate is None else rate, **asked),
-        lambda: read_noise(noise),
-        lambda: _read_reduce(reduce),
-    )
-    return DesignRequest(
-        rate=None if rate is None else pinning.rate,
-        allowed=pinning.allowed,
-        caps=pinning.caps,
-        pins=pinning.pins if isinstance(pinning.pins, int) else None,
-        noise=limits,
-        digits=pinning.digits,
-        reduce=reduce,
-    )
+    pinning = partial(read_request, labels, rate=1 if rate is None else rate, **asked)
+    found, limits, reduce = read_all(pinning, lambda: read_noise(noise), lambda: _read_reduce(reduce))
+    own = {"allowed": found.allowed, "caps": found.caps, "digits": found.digits, "noise": limits, "reduce": reduce}
+    pins = found.pins if isinstance(found.pins, int) else None
+    return DesignRequest(rate=None if rate is None else found.rate, pins=pins, **own)
 
 
 def _read_reduce(reduce: Any) -> bool:

@@ -32,7 +32,7 @@ from dobc_design.synthesis.joint.claim import AXES, Design, DesignRequest, Trade
 from dobc_design.synthesis.observer.claim import ObserverDesign, ObserverRequest
 from dobc_design.synthesis.observer.decide import reduced_exosystem
 from dobc_design.synthesis.observer.search import search_groups
-from dobc_design.synthesis.pinning.claim import FEWEST, PinningDesign, PinningRequest, Structure, typed_gains
+from dobc_design.synthesis.pinning.claim import FEWEST, Gains, PinningDesign, PinningRequest, Structure, typed_gains
 from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of, too_fast
 from dobc_design.synthesis.pinning.propose import slow_directions
 from dobc_design.synthesis.pinning.propose_regions import RegionGains, RegionSearch
@@ -104,14 +104,9 @@ class Ground:
 
     def pinning(self, rate: Fraction, agents: Sequence[int], pins: int | str | None = None) -> PinningDesign:
         """The cheapest gains on these agents near the consensus."""
-        request = PinningRequest(
-            rate=rate,
-            allowed=tuple(agents),
-            costs=(Fraction(1),) * self.problem.n,
-            caps=self.request.caps,
-            pins=pins,
-            digits=self.request.digits,
-        )
+        own: dict[str, Any] = {"caps": self.request.caps, "digits": self.request.digits, "pins": pins}
+        costs = (Fraction(1),) * self.problem.n
+        request = PinningRequest(rate=rate, allowed=tuple(agents), costs=costs, **own)
         return search_pinning(self.problem, request, self.progress)
 
     def nothing(
@@ -128,7 +123,7 @@ class Proposal:
     """W and gains (1/s, rounded) on at most the ``pinned`` agents, meant for the rate ``aim`` (1/s)."""
 
     observer: ObserverDesign | None
-    gains: Mapping[int, Fraction]
+    gains: Gains
     pinned: Sequence[int]
     aim: float
     prices: tuple[str, ...]
@@ -308,7 +303,7 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
 
     most = len(request.allowed) if request.pins is None else request.pins
     first = search_with(next(ground.every_observer()))
-    for pinned in pin_sets(ground.structure, request.allowed, search=first, caps=request.caps, most=most):
+    for pinned in pin_sets(ground.structure, request, search=first, most=most):
         ground.progress(f"looking for gains on {counted(len(pinned), 'agent')}")
         observers = ground.every_observer()
         if request.rate is None:  # from the slowest on that does not hold the network back
@@ -379,16 +374,10 @@ def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
 
 
 def pin_sets(
-    structure: Structure,
-    allowed: Sequence[int],
-    *,
-    search: RegionSearch,
-    caps: Mapping[int, Fraction],
-    most: int,
-    one_by_one: bool = False,
+    structure: Structure, request: DesignRequest, *, search: RegionSearch, most: int, one_by_one: bool = False
 ) -> Iterator[tuple[int, ...]]:
     """Growing sets of at most ``most`` allowed agents, each with the one before it; ``one_by_one``: one agent more."""
-    blocks = network_blocks(search.problem)
+    blocks, allowed, caps = network_blocks(search.problem), request.allowed, request.caps
 
     @cache
     def quick(agents: frozenset[int]) -> float:
@@ -461,7 +450,7 @@ def pins_words(problem: Problem, structure: Structure, pinned: Sequence[int], *,
     return f"Pinned: {name_agents([labels[i] for i in pinned])}; {why}."
 
 
-def gains_words(problem: Problem, gains: Mapping[int, Fraction], *, digits: int, part: Fraction | None) -> str:
+def gains_words(problem: Problem, gains: Gains, *, digits: int, part: Fraction | None) -> str:
     """The gains, rounded up, and what they are for."""
     labels = problem.network.labels
     each = ", ".join(f"k = {typed_number(k)} for agent {labels[i]}" for i, k in islice(gains.items(), SHOWN))
@@ -471,9 +460,7 @@ def gains_words(problem: Problem, gains: Mapping[int, Fraction], *, digits: int,
     return f"Gains: {each}{more}{total} (1/s), rounded up to {counted(digits, 'digit')}.{aim}"
 
 
-def price_words(
-    problem: Problem, found: RegionGains, allowed: Sequence[int], caps: Mapping[int, Fraction]
-) -> Iterator[str]:
+def price_words(problem: Problem, found: RegionGains, allowed: Sequence[int], caps: Gains) -> Iterator[str]:
     """The multipliers of a design over a region: what more rate costs, and where a further pin buys most."""
     labels, total = problem.network.labels, sum(found.gains.values())
     if not total or not found.rate:
@@ -489,10 +476,8 @@ def price_words(
     if best and found.prices[best[0]] > 1:
         named = ", ".join(f"agent {labels[i]} {found.prices[i]:.3g}" for i in best if found.prices[i] > 1)
         kept = "" if best[0] in set(allowed) else f" (pins there are not allowed on agent {labels[best[0]]})"
-        yield (
-            f"Price of so few pins: agent {labels[best[0]]} would buy most. Each 1/s of gain there would save"
-            f" about so much elsewhere: {named}{kept}."
-        )
+        most = f"agent {labels[best[0]]} would buy most. Each 1/s of gain there would save about so much elsewhere"
+        yield f"Price of so few pins: {most}: {named}{kept}."
     elif others:
         yield "Price of so few pins: none; a gain on any other agent would cost more than it saves."
 
@@ -557,7 +542,7 @@ def _pin_points(
     search = region_search(problem, observer)
     most = min(len(request.allowed) if request.pins is None else request.pins, len(structure.agents) + points - 1)
     found: list[TradePoint] = []
-    for pinned in pin_sets(structure, request.allowed, search=search, caps=request.caps, most=most, one_by_one=True):
+    for pinned in pin_sets(structure, request, search=search, most=most, one_by_one=True):
         progress(f"{len(pinned)} pinned agents")
         rate = search.fastest(pinned, request.caps)
         if 0 < rate < math.inf:
@@ -570,10 +555,8 @@ def _largest_step(points: Sequence[TradePoint]) -> Iterator[str]:
     if len(points) > 1:
         before, after = max(pairwise(points), key=lambda step: step[1].y / step[0].y)
         new = ", ".join(label for label in after.pinned if label not in before.pinned)
-        yield (
-            f"The step that buys most: from {before.x:g} to {after.x:g} pins, with agent {new} the rate grows"
-            f" {after.y / before.y:.3g} times."
-        )
+        step, times = f"from {before.x:g} to {after.x:g} pins", f"{after.y / before.y:.3g} times"
+        yield f"The step that buys most: {step}, with agent {new} the rate grows {times}."
 
 
 def _noise_point(observer: ObserverDesign) -> list[TradePoint]:

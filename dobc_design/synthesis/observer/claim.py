@@ -51,9 +51,8 @@ class HalfPlane(_Asked):
 
     def __init__(self, *, left_of: Any = None, right_of: Any = None) -> None:
         if (left_of is None) == (right_of is None):
-            text = (
-                f"a HalfPlane must have one side, left_of or right_of; got {'neither' if left_of is None else 'both'}."
-            )
+            got = "neither" if left_of is None else "both"
+            text = f"a HalfPlane must have one side, left_of or right_of; got {got}."
             raise SpecError(text, key="region", cure="For a strip give two half planes in a list.")
         for name, value in (("left_of", left_of), ("right_of", right_of)):
             object.__setattr__(self, name, None if value is None else parse_number(value, key=f"region.{name}"))
@@ -167,13 +166,10 @@ def read_observer_request(
 ) -> ObserverRequest:
     """Read the arguments of ``design_observer``; numbers exactly.  Raises: SpecError for a wrong one."""
     check_digits(digits)
-    request = ObserverRequest(
-        rate=None if rate is None else read_positive(rate, "rate"),
-        regions=_read_regions(region),
-        noise=read_noise(noise),
-        digits=digits,
-        period=None if period is None else read_positive(period, "period"),
-    )
+    speed = None if rate is None else read_positive(rate, "rate")
+    regions, limits = _read_regions(region), read_noise(noise)
+    step = None if period is None else read_positive(period, "period")
+    request = ObserverRequest(rate=speed, regions=regions, noise=limits, digits=digits, period=step)
     if request.period is not None and request.noise:
         text = "noise cannot be asked of a sampled observer yet; got it together with period."
         raise SpecError(text, key="noise", cure="Leave noise out, or design in continuous time.")

@@ -22,6 +22,7 @@ from dobc_design.conditions.numbers import claimed, largest_proved
 from dobc_design.conditions.observer.decide import detectability_check, error_matrix
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError
+from dobc_design.exact import matrix_exponential as exponential
 from dobc_design.exact import polynomial as roots
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, exp
@@ -37,12 +38,6 @@ from dobc_design.exact.matrix import (
     subtract,
     transpose,
     zeros,
-)
-from dobc_design.exact.matrix_exponential import (
-    IntervalMatrix,
-    discretise,
-    interval_characteristic_polynomial,
-    interval_routh,
 )
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction
@@ -127,27 +122,26 @@ def damping_holds(F: Matrix, damping: Fraction) -> bool:
     return 0 < damping < 1 and roots_inside(characteristic_polynomial(F), Cone(damping=damping))[0]
 
 
-def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> IntervalMatrix:
+def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponential.IntervalMatrix:
     """Enclose Ad - W Cd, with Ad = exp(A T) and Cd = C (1/T) int_0^T exp(A s) ds.
 
     The sampled observer works with means over a period: (x_(k+1) - x_k)/T less the mean of couplings and inputs is
     Cd xi_k.
     """
-    found = discretise(exosystem.A, period)
+    found = exponential.discretise(exosystem.A, period)
     q = exosystem.order
     zero = Interval.point(0)
     Cd = [[sum((found.mean[r][j] * c for r, c in enumerate(row) if c), zero) for j in range(q)] for row in exosystem.C]
-    return tuple(
-        tuple(found.transition[i][j] - sum((Cd[c][j] * w for c, w in enumerate(W[i]) if w), zero) for j in range(q))
-        for i in range(q)
-    )
+    gains = [[(c, w) for c, w in enumerate(row) if w] for row in W]
+    table = enumerate(found.transition)
+    return tuple(tuple(row[j] - sum((Cd[c][j] * w for c, w in gains[i]), zero) for j in range(q)) for i, row in table)
 
 
 def sampled_statements(
     exosystem: Exosystem, W: Matrix, *, period: Fraction, rate: Fraction | None, regions: Sequence[SpectralRegion]
 ) -> tuple[Statement, ...]:
     """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED close to a border."""
-    polynomial = interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
+    polynomial = exponential.interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
     asked = [("sampled", text, Fraction(0), Interval.point(1))]
     if rate is not None:
@@ -160,9 +154,9 @@ def sampled_statements(
     shown = {"period": number_text(period), "width": f"{float(max(x.width for x in polynomial)):.1e}"}
 
     def state(kind: str, text: str, centre: Fraction, radius: Interval) -> Statement:  # the radius is enclosed as well
-        if interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
+        if exponential.interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
             return proved(kind, f"{text}.", **shown)
-        if interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.hi)) is Verdict.REFUTED:
+        if exponential.interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.hi)) is Verdict.REFUTED:
             return refuted(kind, f"it is false that {text}.", **shown)
         return undecided(kind, f"it stays open whether {text}.", **shown)
 
@@ -237,9 +231,9 @@ def noise_statement(exosystem: Exosystem, W: Matrix, limit: NoiseLimit) -> State
         exact["h2_squared"] = "infinite" if square is None else number_text(square)
     else:
         holds = hinf_below(system, limit.bound)
-    return (
-        proved("noise", f"{limit}.", **exact) if holds else refuted("noise", f"it is false that the {limit}.", **exact)
-    )
+    if holds:
+        return proved("noise", f"{limit}.", **exact)
+    return refuted("noise", f"it is false that the {limit}.", **exact)
 
 
 def size_above(W: Matrix) -> float:
@@ -334,11 +328,8 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
             continue
         kept = [(key.rpartition(".")[2], value_text(value)) for key, value in check.fix.set.items() if value]
         rest = f" ({'; '.join(f'{name} = {value}' for name, value in kept)})" if kept else ""
-        yield undecided(
-            "detectable",
-            f"{text} Write its observable part in its place{rest}, and design again; that is done by itself only"
-            " where all agents have one exosystem.",
-        )
+        cure = f"Write its observable part in its place{rest}, and design again; that is done by itself only where all"
+        yield undecided("detectable", f"{text} {cure} agents have one exosystem.")
 
 
 def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:

@@ -24,15 +24,8 @@ from itertools import product
 import numpy as np
 from scipy import linalg
 
+from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.decide import error_matrix
-from dobc_design.conditions.observer.propose import (
-    half_rate,
-    hinf_norm,
-    kalman_gain,
-    natural_units,
-    placed_gains,
-    transient_peak,
-)
 from dobc_design.exact.matrix import Matrix, scale, to_float, zeros
 from dobc_design.exact.observability import decide_observable, observable_reduction
 from dobc_design.exact.pencil import Pencil, Unknown
@@ -82,9 +75,9 @@ def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tu
         yield from _from_floats(exosystem, make_plant(exosystem, request), request)
     if request.period is None:  # all observable poles at one real point, in units in which the numbers are near 1
         point = _inner_point(request)
-        time, output = natural_units(exosystem, rate=abs(point))
+        time, output = propose.natural_units(exosystem, rate=abs(point))
         units = Exosystem(A=scale(1 / time, exosystem.A), C=scale(1 / output, exosystem.C))
-        for W in placed_gains(units, rate=-point / time - 1):
+        for W in propose.placed_gains(units, rate=-point / time - 1):
             yield scale(time / output, W), "exact pole placement"
 
 
@@ -96,7 +89,7 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
         period = float(request.period)
         q = len(A)
         block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)  # Van Loan 1978
-        rate = float(request.rate if request.rate is not None else half_rate(A, C, kalman_gain(A, C)))
+        rate = float(request.rate if request.rate is not None else propose.half_rate(A, C, propose.kalman_gain(A, C)))
         A, C = block[:q, :q], C @ block[:q, q:] / period
         radius = Fraction(math.exp(-rate * period))
         regions = (Disk(centre=0, radius=radius.limit_denominator(10**15)), *request.regions)
@@ -124,7 +117,7 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
     """Gains for the regions with the smallest |W| of what the methods give first; then those for bounds on noise."""
     inequalities = "linear matrix inequalities"
     rates = [Fraction(0)]  # to be added where none was asked: half that of the Kalman gain, then smaller ones
-    rate = half_rate(plant.A, plant.C, kalman_gain(plant.A, plant.C))
+    rate = propose.half_rate(plant.A, plant.C, propose.kalman_gain(plant.A, plant.C))
     if rate and request.rate is None and not plant.sampled:
         rates = [*(rate / 2**k for k in range(STEPS if request.noise else 1)), Fraction(0)]
     for rate in rates:
@@ -139,7 +132,7 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
         quiet = (lmi_gain(plant.A, plant.C, plant.regions, noise=request.noise, slack=slack) for slack in SLACKS)
         yield from ((W, inequalities) for W in quiet if W is not None)
         for ratio in RATIOS:
-            W = kalman_gain(plant.A, plant.C, process=ratio)
+            W = propose.kalman_gain(plant.A, plant.C, process=ratio)
             if W is not None:
                 yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
 
@@ -162,10 +155,7 @@ def lmi_gain(
     q, m = C.shape[1], C.shape[0]
     ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
     time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)), *ends)
-    unknowns = (
-        Unknown(name="P", rows=q, columns=q, symmetric=True),
-        Unknown(name="Q", rows=q, columns=m, symmetric=False),
-    )
+    unknowns = tuple(Unknown(name=name, rows=q, columns=n, symmetric=name == "P") for name, n in (("P", q), ("Q", m)))
 
     def blocks(P: Array, Q: Array) -> list[Array]:
         M = P @ (A / time) - Q @ C
@@ -198,15 +188,12 @@ def _pencils(blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]) 
             if unknown.symmetric:
                 arrays[number][place[2], place[1]] = 1.0
             values[place] = blocks(*arrays)
-    return tuple(
-        Pencil(
-            name="observer",
-            constant=sparse(constant),
-            unknowns=unknowns,
-            coefficients={place: sparse(value[k] - constant) for place, value in values.items()},
-        )
-        for k, constant in enumerate(constants)
-    )
+    result = []
+    for k, constant in enumerate(constants):
+        coefficients = {place: sparse(value[k] - constant) for place, value in values.items()}
+        left = sparse(constant)
+        result.append(Pencil(name="observer", constant=left, unknowns=unknowns, coefficients=coefficients))
+    return tuple(result)
 
 
 def _region_block(M: Array, P: Array, region: SpectralRegion, *, time: float, slack: float) -> Array:
@@ -242,16 +229,16 @@ def kalman_gains(
     A: Array, C: Array, regions: Sequence[SpectralRegion], *, sampled: bool
 ) -> Iterator[tuple[Array, str]]:
     """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay faster."""
-    tried = [(kalman_gain(A, C, sampled=sampled), 1.0, "Kalman gain with unit weights")]
+    tried = [(propose.kalman_gain(A, C, sampled=sampled), 1.0, "Kalman gain with unit weights")]
     if sampled:
         radius = min((float(r.radius) for r in regions if isinstance(r, Disk) and not r.centre), default=1.0)
         for size in (radius * 1.0, radius * 0.95, radius * 0.7):
-            tried.append((kalman_gain(A / size, C, sampled=True), size, "Kalman gain of A / exp(-rate T)"))
+            tried.append((propose.kalman_gain(A / size, C, sampled=True), size, "Kalman gain of A / exp(-rate T)"))
     else:
         common = common_interval(tuple(regions))
         rate = 0.0 if common is None or common[1] is None else -float(common[1])
         for shift in SHIFTS if rate else ():
-            faster = kalman_gain(A + shift * rate * np.eye(len(A)), C)
+            faster = propose.kalman_gain(A + shift * rate * np.eye(len(A)), C)
             tried.append((faster, 1.0, f"Kalman gain of A + {shift:g} rate I"))
     yield from ((size * gain, source) for gain, size, source in tried if gain is not None)
 
@@ -281,10 +268,10 @@ def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
         poles = np.linalg.eigvals(F)
         sizes = np.where(np.abs(poles) > 0, np.abs(poles), 1.0)
         result = {"rate": float(-np.max(poles.real)), "damping": float(np.min(-poles.real / sizes))}
-        result["peak"] = transient_peak(F)
+        result["peak"] = propose.transient_peak(F)
         for name in CHANNELS:
             system = channel(exosystem, W, name)
-            result[f"hinf {name}"] = hinf_norm(F, to_float(system.B), to_float(system.C), to_float(system.D))
+            result[f"hinf {name}"] = propose.hinf_norm(F, to_float(system.B), to_float(system.C), to_float(system.D))
     except GIVEN_UP:
         return {}
     return result

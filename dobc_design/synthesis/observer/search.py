@@ -87,11 +87,8 @@ def _loosest(asked: ObserverRequest, requests: Sequence[ObserverRequest]) -> Obs
     """The request that holds whenever one of these does: of the same kind, with the loosest limits."""
     rates = [each.rate for each in requests if each.rate is not None]
     limits = zip(*(each.noise for each in requests), strict=True)
-    return replace(
-        asked,
-        rate=min(rates) if len(rates) == len(requests) else None,
-        noise=tuple(max(each, key=lambda limit: limit.bound) for each in limits),
-    )
+    noise = tuple(max(each, key=lambda limit: limit.bound) for each in limits)
+    return replace(asked, rate=min(rates) if len(rates) == len(requests) else None, noise=noise)
 
 
 def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:

@@ -39,7 +39,7 @@ from dobc_design.exact.zmatrix import proves
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.reaching import closed_groups
-from dobc_design.synthesis.pinning.claim import Bound, PinningRequest, Structure, rounded_up
+from dobc_design.synthesis.pinning.claim import Bound, Gains, PinningRequest, Structure, rounded_up
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -65,7 +65,7 @@ class Ground:
     lambdas: Mapping[str, Enclosed]
 
 
-def reaches(ground: Ground, gains: Mapping[int, Fraction], rate: Fraction, *, hints: Vectors = ()) -> bool:
+def reaches(ground: Ground, gains: Gains, rate: Fraction, *, hints: Vectors = ()) -> bool:
     """Whether Lambda0 - 2 K < -2 rate I is proved in every mode.  ``hints``: v > 0 that may show it quickly."""
     m = ground.problem.m
     size = ground.problem.n * m
@@ -103,9 +103,8 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
     squares = sum(loads, ZERO)
     value = sum((ground.lambdas[mode].value(v).lo for mode, v in exact), ZERO) / 2 + rate * squares
     value -= sum((price * request.caps[i] for i, price in prices.items()), ZERO)
-    return Bound(
-        value=max(value, ZERO), rate=rate, vectors=exact, loads=tuple(loads), cap_prices=prices, rate_price=squares
-    )
+    value = max(value, ZERO)
+    return Bound(value=value, rate=rate, vectors=exact, loads=tuple(loads), cap_prices=prices, rate_price=squares)
 
 
 def obstacle_to(
@@ -191,11 +190,10 @@ def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
     groups = tuple(sorted(found, key=lambda group: (len(group), group)))
     open_ = [frozenset(group) & frozenset(allowed) for group in groups]
     unmet = next((group for group, left in zip(groups, open_, strict=True) if not left), None)
-    apart = tuple(groups[k] for k in _apart(open_))
-    agents = _fewest(open_, len(apart)) if unmet is None else None
-    least = len(apart) if agents is None else len(agents)
-    exact = agents is not None
-    return Structure(groups=groups, least=least, exact=exact, agents=agents or (), apart=apart, unmet=unmet)
+    own = tuple(groups[k] for k in apart(open_))
+    agents = _fewest(open_, len(own)) if unmet is None else None
+    least, exact = len(own if agents is None else agents), agents is not None
+    return Structure(groups=groups, least=least, exact=exact, agents=agents or (), apart=own, unmet=unmet)
 
 
 def structural_obstacle(problem: Problem, pins: int | str | None, structure: Structure) -> Statement | None:
@@ -220,12 +218,8 @@ def structural_obstacle(problem: Problem, pins: int | str | None, structure: Str
     return None
 
 
-def packing(groups: Sequence[Collection[int]], inside: Collection[int]) -> int:
-    """How many further agents at least meet the groups that ``inside`` does not: groups without a common agent."""
-    return len(_apart([frozenset(group) for group in groups if not set(group) & set(inside)]))
-
-
-def _apart(groups: Sequence[Collection[int]]) -> list[int]:
+def apart(groups: Sequence[Collection[int]]) -> list[int]:
+    """Places of groups without a common agent, the smallest first: each needs a pin of its own."""
     used, kept = set[int](), list[int]()
     for k in sorted(range(len(groups)), key=lambda k: (len(groups[k]), k)):
         if not used & set(groups[k]):
@@ -236,7 +230,7 @@ def _apart(groups: Sequence[Collection[int]]) -> list[int]:
 
 def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[int, ...] | None:
     """The smallest set that meets all groups, by search in growing size; None if that was given up."""
-    if len(_apart(groups)) == len(groups):
+    if len(apart(groups)) == len(groups):
         return tuple(sorted(min(group) for group in groups))
     steps = [MOST_STEPS]
     for size in range(least, len(groups) + 1):
@@ -252,7 +246,7 @@ def _of_size(groups: Sequence[frozenset[int]], size: int, steps: list[int]) -> t
     steps[0] -= 1
     if not groups:
         return ()
-    if steps[0] <= 0 or len(_apart(groups)) > size:
+    if steps[0] <= 0 or len(apart(groups)) > size:
         return None
     smallest: frozenset[int] = min(groups, key=len)
     for agent in sorted(smallest):
@@ -273,14 +267,16 @@ class SlowDirection:
 
 
 def slow_direction(
-    jacobians: Jacobians, pinned: Collection[int], caps: Mapping[int, Fraction], propose: Directions
+    jacobians: Jacobians, pinned: Collection[int], caps: Gains, propose: Directions
 ) -> SlowDirection | None:
     """The proved direction with the lowest limit for scalar gains on the ``pinned`` agents; None without any."""
     best: SlowDirection | None = None
     for mode in jacobians.modes:
         if not mode.is_nonnegative_diagonal:
             continue
-        for component in _components(mode):
+        width = len(mode.gains[0]) if mode.gains else 1
+        alike = all(gain[c][c] == gain[0][0] for gain in mode.gains for c in range(width))
+        for component in range(1 if alike else width):  # one stands for all where h acts by component
             for proposed in propose(mode, component, pinned, caps, size=jacobians.size):
                 w = _nonnegative(proposed, set(pinned) - set(caps))
                 limit = limit_of(mode, component, w, pinned=pinned, caps=caps)
@@ -290,7 +286,7 @@ def slow_direction(
 
 
 def limit_of(
-    mode: ModeJacobian, component: int, w: Sequence[int], *, pinned: Collection[int], caps: Mapping[int, Fraction]
+    mode: ModeJacobian, component: int, w: Sequence[int], *, pinned: Collection[int], caps: Gains
 ) -> Fraction | None:
     """The rate (1/s) out of reach by w: the largest -(M w)_i / w_i; None if w is 0, not >= 0 or moves a free agent."""
     free = set(pinned) - set(caps)
@@ -311,7 +307,7 @@ def too_fast(
     rate: Fraction,
     *,
     allowed: Sequence[int],
-    caps: Mapping[int, Fraction],
+    caps: Gains,
     pins: int | str | None,
     propose: Directions,
 ) -> Statement | None:
@@ -327,7 +323,7 @@ def too_fast(
     except UndefinedError:
         return None
 
-    def slowest(agents: Sequence[int], caps: Mapping[int, Fraction] = caps) -> SlowDirection | None:
+    def slowest(agents: Sequence[int], caps: Gains = caps) -> SlowDirection | None:
         direction = slow_direction(jacobians, agents, caps, propose)
         return None if direction is None or direction.limit >= rate else direction
 
@@ -368,12 +364,6 @@ def _too_few_pins(
 def _above(limit: Fraction) -> str:
     """At most four digits, not below."""
     return f"{float(rounded_up(limit, 4)):.4g}" if limit else "0"
-
-
-def _components(mode: ModeJacobian) -> range:
-    """State components whose gains differ; one stands for all where h acts by component."""
-    width = len(mode.gains[0]) if mode.gains else 1
-    return range(1 if all(gain[c][c] == gain[0][0] for gain in mode.gains for c in range(width)) else width)
 
 
 def _nonnegative(proposed: Sequence[float], free: Collection[int]) -> tuple[int, ...]:

@@ -11,9 +11,8 @@ and a pin takes a rank one away from G.  While the pins do not reach the rate, S
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from itertools import product
 from typing import Any
 
@@ -28,7 +27,7 @@ from dobc_design.conditions.consensus.pinning_shared import FEW_ROWS, solve_shar
 from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.claim import PinningRequest
+from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, times agents; agents above which: none
@@ -339,7 +338,7 @@ class _State:
 
 
 def slow_directions(
-    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Mapping[int, Fraction], *, size: int
+    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Gains, *, size: int
 ) -> Iterator[list[float]]:
     """Directions (n) >= 0 worth an exact look: the Perron vector, and the agent alone that is pulled least."""
     slopes = np.array([float(gain[component][component].midpoint) for gain in mode.gains])

@@ -8,7 +8,7 @@ bisection; one linear solve gives what a faster rate costs and which other agent
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -24,7 +24,7 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.claim import PinningRequest
+from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
 
 HELD = 1e9  # a gain, times the size of the rows, that holds an agent whatever the others do
 FIRST_STEP, LAST_STEP = 0.3, 1e-5  # of log v: the trust region
@@ -94,19 +94,13 @@ def propose_for_box(
     return [each for each in found[:-1] if box.costs @ each[1] <= most] + found[-1:]
 
 
-def box_of(
-    field: Field, agents: Collection[int], caps: Mapping[int, Fraction], *, rate: float, costs: Array | None = None
-) -> Box:
+def box_of(field: Field, agents: Collection[int], caps: Gains, *, rate: float, costs: Array | None = None) -> Box:
     """The rows of ``field`` (whose gains are 0) with gains on these agents; every gain costs 1 without ``costs``."""
     allowed = np.zeros(field.size, dtype=bool)
     allowed[list(agents)] = True
-    return Box(
-        field=field,
-        allowed=allowed,
-        costs=np.ones(field.size) if costs is None else costs,
-        caps=np.array([float(caps.get(i, np.inf)) for i in range(field.size)]),
-        rate=rate,
-    )
+    costs = np.ones(field.size) if costs is None else costs
+    limits = np.array([float(caps.get(i, np.inf)) for i in range(field.size)])
+    return Box(field=field, allowed=allowed, costs=costs, caps=limits, rate=rate)
 
 
 def cheapest(box: Box) -> tuple[Box, Array] | None:
@@ -235,13 +229,7 @@ class RegionSearch:
         return replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)]) if coarse else field
 
     def holds(
-        self,
-        pinned: Collection[int],
-        caps: Mapping[int, Fraction],
-        rate: float,
-        *,
-        coarse: bool = False,
-        start: Array | None = None,
+        self, pinned: Collection[int], caps: Gains, rate: float, *, coarse: bool = False, start: Array | None = None
     ) -> Array | None:
         """The least v >= 1 with the largest gains allowed, or None; ``start``: the answer for a lower rate."""
         field = self.field(rate, coarse=coarse)
@@ -252,7 +240,7 @@ class RegionSearch:
         v = least_above(replace(field, gains=gains), alpha=rate, lower=np.ones(self.problem.n), start=start)
         return None if v is None or np.max(v) > LARGEST_V else v
 
-    def fastest(self, pinned: Collection[int], caps: Mapping[int, Fraction], *, coarse: bool = False) -> float:
+    def fastest(self, pinned: Collection[int], caps: Gains, *, coarse: bool = False) -> float:
         """The largest rate (1/s), about, with gains on these agents; 0 if none is possible."""
         best = self.holds(pinned, caps, 0.0, coarse=coarse) if pinned else None
         if best is None:
@@ -269,7 +257,7 @@ class RegionSearch:
                 break
         return low
 
-    def smallest(self, pinned: Sequence[int], caps: Mapping[int, Fraction], rate: float) -> RegionGains | None:
+    def smallest(self, pinned: Sequence[int], caps: Gains, rate: float) -> RegionGains | None:
         """The smallest gains found on these agents for a rate (1/s), about; None if the rate is out of reach."""
         field = self.field(rate)
         with np.errstate(all="ignore"):

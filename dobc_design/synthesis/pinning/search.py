@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
@@ -39,6 +39,7 @@ from dobc_design.synthesis.observer.claim import read_positive
 from dobc_design.synthesis.pinning import decide
 from dobc_design.synthesis.pinning.claim import (
     FEWEST,
+    Gains,
     PinningDesign,
     PinningRequest,
     Structure,
@@ -164,11 +165,7 @@ def _fewest(pins: int, needed: int) -> Statement:
 
 
 def _designed(
-    ground: Ground,
-    proposer: PinningProposer,
-    structure: Structure,
-    choice: Choice | None,
-    more: tuple[Statement, ...],
+    ground: Ground, proposer: PinningProposer, structure: Structure, choice: Choice | None, more: tuple[Statement, ...]
 ) -> PinningDesign:
     request, labels = ground.request, ground.problem.network.labels
     agents = request.allowed if choice is None or choice.agents is None else choice.agents
@@ -314,7 +311,8 @@ class Choice:
     def _add(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> None:
         """Open a node with its exact bound, at least its parent's; or close it: impossible, known, or not better."""
         request, pins = self.ground.request, self.pins
-        if len(inside) + decide.packing([set(group) - outside for group in self.groups], inside) > pins:
+        unmet = [set(group) - outside for group in self.groups if not set(group) & inside]
+        if len(inside) + len(decide.apart(unmet)) > pins:
             return
         self._nodes += 1
         left = inside if len(inside) >= pins else frozenset(request.allowed) - outside
@@ -444,10 +442,9 @@ def _region_attempt(problem: Problem, request: PinningRequest, asked: Region) ->
         gains = [found.gains.get(label, 0) for label in bare.network.labels]
         order = sorted(request.allowed, key=lambda i: (-gains[i], i))
         chosen: list[int] = []
-        for group in structure.groups:
+        for group in (*structure.groups, *([i] for i in order)):
             if not set(group) & set(chosen):
                 chosen.append(next(i for i in order if i in group))
-        chosen += [i for i in order if i not in chosen]
         return _on(bare, request, asked, structure, chosen[:pins])
 
     if most != FEWEST:
@@ -513,12 +510,7 @@ def _on(
 
 
 def _covered(
-    request: PinningRequest,
-    asked: Region,
-    structure: Structure,
-    gains: Mapping[int, Fraction],
-    held: Problem,
-    claim: Separable,
+    request: PinningRequest, asked: Region, structure: Structure, gains: Gains, held: Problem, claim: Separable
 ) -> PinningDesign:
     """The design whose rows are proved, if the observer's part is as well and the box holds the region."""
     wrong = ""

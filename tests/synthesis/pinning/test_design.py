@@ -25,14 +25,7 @@ from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.claim import read_request
-from dobc_design.synthesis.pinning.decide import (
-    Ground,
-    limit_of,
-    reaches,
-    slow_direction,
-    structure_of,
-    too_fast,
-)
+from dobc_design.synthesis.pinning.decide import Ground, limit_of, reaches, slow_direction, structure_of, too_fast
 from dobc_design.synthesis.pinning.propose import make_proposer, slow_directions
 from dobc_design.verdict import Verdict
 

@@ -1,10 +1,9 @@
 """The joint design: W, pins and gains for one request, rounded and certified; the nearest possible one; trade-offs.
 
-The order is that of the cost: facts of exosystem and graph, rates that no gains reach, the observer, then pins and
-gains for the region asked for, or near the consensus where none is.  Every group that listens to nobody outside gets a
-pin (without one nothing can work); further pins go where the region allows the largest rate.  What is left of a network
-without its pins is compared quickly, by the slowest direction of J + J', and the best few by the rows of the region.
-Then what is given up first is what the refutation names; how far is read off a design without that limit.
+The order is that of the cost: facts of exosystem and graph, rates that no gains reach, the observer, then pins, gains
+for the region asked for, or near the consensus.  Every group that listens to nobody outside gets a pin; further pins go
+where the region allows the largest rate, as the slowest direction of J + J' says of many and the rows of the region of
+the best few.  What is given up first is what the refutation names; how far is read off a design without that limit.
 """
 
 from __future__ import annotations

@@ -6,8 +6,7 @@ C X C' with F X + X F' + B B' = 0.  For F Hurwitz the H-infinity norm is below g
 Hamiltonian matrix has no imaginary eigenvalue, a Sturm count in s^2 (Boyd, Balakrishnan, Kabamba 1989).
 
 Impossible: without a bound on noise the answer is complete.  The regions (closed, convex, symmetric) and Re s < 0 share
-a real point or nothing; W can put all observable eigenvalues into one real point (Ackermann), and the hidden ones are
-where they are.  So a W exists iff there is such a point and the hidden eigenvalues lie in the regions.
+a real point or nothing, W can put all observable eigenvalues there (Ackermann), and the hidden ones are where they are.
 """
 
 from __future__ import annotations
@@ -360,16 +359,12 @@ def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | No
     # If none decays, all eigenvalues count, and one of them is not inside the open disk of the bound.
     none_decays = roots.count_right_half_plane(roots.reflected(polynomial)) == 0
     for limit in (each for each in request.noise if each.norm == "hinf"):
-        because = ""
+        because, disk = "", Disk(centre=0, radius=limit.bound)
         if limit.channel == "disturbance" and limit.bound <= 1:
             because = "own disturbances exactly, which takes the gain 1"
-        elif limit.channel == "measurement" and none_decays and not _inside_disk(polynomial, limit.bound):
+        elif limit.channel == "measurement" and none_decays and not roots_inside(polynomial, disk)[1]:
             because = "fastest frequency exactly, which takes at least that gain"
         if because:
             text = f"no W makes the {limit}: an estimate that converges follows the exosystem's {because}."
             return refuted("noise", text)
     return None
-
-
-def _inside_disk(polynomial: Coefficients, radius: Fraction) -> bool:
-    return roots_inside(polynomial, Disk(centre=0, radius=radius))[1]

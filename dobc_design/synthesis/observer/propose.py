@@ -72,13 +72,23 @@ class Plant:
 def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
     """Rational W (q, m) and how each came about; numbers beyond the floats leave only the exact placement."""
     with suppress(*GIVEN_UP):
-        yield from _from_floats(exosystem, make_plant(exosystem, request), request)
+        plant, found = make_plant(exosystem, request), []
+        if not len(plant.A):
+            yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
+        for W, source in _gains(plant, request) if len(plant.A) else ():
+            yield round_matrix(plant.T.T @ W, request.digits), source
+            found.append((W, source))
+        for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
+            if digits > request.digits:
+                yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
     if request.period is None:  # all observable poles at one real point, in units in which the numbers are near 1
-        point = _inner_point(request)
+        low, high = common_interval(request.all_regions) or (None, None)
+        high = Fraction(0) if high is None else high
+        point = high - max(Fraction(1), abs(high) / 10) if low is None else (low + high) / 2
         time, output = propose.natural_units(exosystem, rate=abs(point))
         units = Exosystem(A=scale(1 / time, exosystem.A), C=scale(1 / output, exosystem.C))
-        for W in propose.placed_gains(units, rate=-point / time - 1):
-            yield scale(time / output, W), "exact pole placement"
+        for placed in propose.placed_gains(units, rate=-point / time - 1):
+            yield scale(time / output, placed), "exact pole placement"
 
 
 def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
@@ -98,19 +108,6 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
         rows = observable_reduction(exosystem.A, exosystem.C)[2]
         T = linalg.qr(to_float(rows).T, mode="economic")[0].T if rows else np.zeros((0, len(A)))
     return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=request.period is not None)
-
-
-def _from_floats(exosystem: Exosystem, plant: Plant, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
-    if not len(plant.A):
-        yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
-        return
-    found = []
-    for W, source in _gains(plant, request):
-        yield round_matrix(plant.T.T @ W, request.digits), source
-        found.append((W, source))
-    for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
-        if digits > request.digits:
-            yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
 
 
 def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
@@ -135,13 +132,6 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
             W = propose.kalman_gain(plant.A, plant.C, process=ratio)
             if W is not None:
                 yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
-
-
-def _inner_point(request: ObserverRequest) -> Fraction:
-    """A real point of all regions, away from their ends where there is room."""
-    low, high = common_interval(request.all_regions) or (None, None)
-    high = Fraction(0) if high is None else high
-    return high - max(Fraction(1), abs(high) / 10) if low is None else (low + high) / 2
 
 
 def lmi_gain(

@@ -5,7 +5,7 @@ A gain is a proposal until every statement of its request is proved for the rati
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -36,7 +36,10 @@ def search_groups(groups: Sequence[Group], request: ObserverRequest) -> Observer
     known = [design for design in near if design is not None]
     nearest = None
     if len(known) == len(near):
-        loosest = _loosest(request, [design.request for design in known])
+        rates = [each.request.rate for each in known if each.request.rate is not None]
+        limits = zip(*(each.request.noise for each in known), strict=True)
+        noise = tuple(max(each, key=lambda limit: limit.bound) for each in limits)
+        loosest = replace(request, rate=min(rates) if len(rates) == len(known) else None, noise=noise)
         nearest = _side_by_side(names, known, loosest, Verdict.PROVED, "every group meets this request.")
     whole = _side_by_side(names, found, request, verdict, f"group of agent {name}: {worst.reason}")
     return replace(whole, nearest=nearest)
@@ -44,17 +47,22 @@ def search_groups(groups: Sequence[Group], request: ObserverRequest) -> Observer
 
 def search_observer(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
     """Decide a request: PROVED with a W, REFUTED with the reason, or UNDECIDED; with the nearest possible request."""
-    found = _attempt(exosystem, request)
+    found, weaker = _attempt(exosystem, request), None
     if found.verdict is Verdict.PROVED:
         return found
-    for weaker in _weaker(exosystem, request, found):
-        nearest = _attempt(exosystem, weaker)
-        if nearest.verdict is Verdict.PROVED:
-            if request.noise and not weaker.noise:
-                limits = tuple(_reached(exosystem, nearest, limit) for limit in request.noise)
-                nearest = replace(nearest, request=replace(weaker, noise=limits))
-            return replace(found, nearest=nearest)
-    return found
+    kind = found.statements[0].kind if found.statements else None
+    if kind == "rate":
+        rate = decide.largest_hidden_rate(decide_detectable(exosystem.A, exosystem.C).unobservable_polynomial)
+        weaker = None if rate is None else replace(request, rate=rate)
+    elif request.noise and kind != "detectable":
+        weaker = replace(request, noise=())
+    nearest = None if weaker is None else _attempt(exosystem, weaker)
+    if nearest is None or nearest.verdict is not Verdict.PROVED:
+        return found
+    if request.noise and not nearest.request.noise:
+        limits = tuple(_reached(exosystem, nearest, limit) for limit in request.noise)
+        nearest = replace(nearest, request=replace(nearest.request, noise=limits))
+    return replace(found, nearest=nearest)
 
 
 def _side_by_side(
@@ -81,14 +89,6 @@ def _side_by_side(
             if verdict is Verdict.PROVED or each.verdict is verdict
         ),
     )
-
-
-def _loosest(asked: ObserverRequest, requests: Sequence[ObserverRequest]) -> ObserverRequest:
-    """The request that holds whenever one of these does: of the same kind, with the loosest limits."""
-    rates = [each.rate for each in requests if each.rate is not None]
-    limits = zip(*(each.noise for each in requests), strict=True)
-    noise = tuple(max(each, key=lambda limit: limit.bound) for each in limits)
-    return replace(asked, rate=min(rates) if len(rates) == len(requests) else None, noise=noise)
 
 
 def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
@@ -130,17 +130,6 @@ def _proved(
         measures=measures,
         reason="W, as it is written with its rounded entries, does everything that was asked.",
     )
-
-
-def _weaker(exosystem: Exosystem, request: ObserverRequest, found: ObserverDesign) -> Iterator[ObserverRequest]:
-    """Requests with one thing given up, what is most likely the binding one first."""
-    kind = found.statements[0].kind if found.statements else None
-    if kind == "rate":
-        rate = decide.largest_hidden_rate(decide_detectable(exosystem.A, exosystem.C).unobservable_polynomial)
-        if rate is not None:
-            yield replace(request, rate=rate)
-    elif request.noise and kind != "detectable":
-        yield replace(request, noise=())
 
 
 def _reached(exosystem: Exosystem, found: ObserverDesign, limit: NoiseLimit) -> NoiseLimit:

@@ -2,15 +2,11 @@
 
 Cost: with Lambda0 = J + J', gains k with Lambda0 - 2 K < -2 rate I cost at least
 1/2 sum_r (v_r' Lambda0 v_r + 2 rate v_r' v_r) - sum y_i cap_i for all v_r and y >= 0 with sum_r |v_r,i|^2 <= c_i + y_i
-on allowed agents, y_i = 0 without a cap (weak duality; theory, section 7).  The vectors are proposals; the inequality
-is multiplied out over the rationals.
-
-Count: every set that listens to nobody outside, in one of the modes, needs a pin (theory, section 2).  And if Lambda0 +
-2 rate I >= 0 on a space of dimension d, and fewer than d / m agents are pinned, a direction of it is 0 on all of them.
-
-Rates that nothing reaches, whatever V proves it: M = J - K has no negative entry off its diagonal, so M w >= -r w for a
-w >= 0, w != 0, shows an eigenvalue >= -r (Perron and Frobenius); where w = 0 on agents whose gain has no limit, for all
-their gains.
+on allowed agents, y_i = 0 without a cap (weak duality; theory, section 7): vectors are proposed and multiplied out.
+Count: every set that listens to nobody outside, in one of the modes, needs a pin (theory, section 2); and where
+Lambda0 + 2 rate I >= 0 on a space of dimension d, at least d / m agents need one.  Rates that nothing reaches, whatever
+V proves it: M = J - K has no negative entry off its diagonal, so M w >= -r w for a w >= 0, w != 0, shows an eigenvalue
+>= -r (Perron and Frobenius); where w = 0 on agents whose gain has no limit, for all their gains.
 """
 
 from __future__ import annotations
@@ -19,7 +15,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations
+from itertools import combinations, product
 from math import comb
 from typing import Any
 
@@ -84,8 +80,8 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
     top = max((abs(x) for _, v in vectors for x in v), default=0.0)
     if not 0 < top < float("inf"):
         return Bound(value=ZERO, rate=rate, vectors=(), loads=(ZERO,) * n, cap_prices={}, rate_price=ZERO)
-    size = Fraction(top)
-    unit = Fraction(2) ** (size.numerator.bit_length() - size.denominator.bit_length() - BITS)
+    largest = Fraction(top)
+    unit = Fraction(2) ** (largest.numerator.bit_length() - largest.denominator.bit_length() - BITS)
     rows = [(mode, [round(Fraction(x) / unit) for x in v]) for mode, v in vectors]
 
     def load_of(agent: int) -> Fraction:
@@ -97,7 +93,10 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
             if i in request.caps:
                 prices[i] = load - request.costs[i]
             else:
-                _shrink(rows, i, m, request.costs[i] / load)
+                part = request.costs[i] / load  # part <= sqrt(part), so that the squares fit
+                for v, row in product((v for _, v in rows), range(i * m, (i + 1) * m)):
+                    size = abs(v[row]) * part.numerator // part.denominator
+                    v[row] = size if v[row] > 0 else -size
                 loads[i] = load_of(i)
     exact = tuple((mode, tuple(x * unit for x in v)) for mode, v in rows)
     squares = sum(loads, ZERO)
@@ -145,14 +144,6 @@ def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
     total = [sum(column) for column in zip(*hints, strict=True)]
     top = max(total, default=0.0)
     return 0 < top < float("inf") and proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
-
-
-def _shrink(rows: Sequence[tuple[str, list[int]]], agent: int, m: int, part: Fraction) -> None:
-    """Multiply the rows of one agent by ``part`` < 1, towards 0: part <= sqrt(part), so that squares fit."""
-    for _, v in rows:
-        for row in range(agent * m, (agent + 1) * m):
-            size = abs(v[row]) * part.numerator // part.denominator
-            v[row] = size if v[row] > 0 else -size
 
 
 def pins_needed(ground: Ground, rate: Fraction, directions: Vectors) -> int:
@@ -271,6 +262,7 @@ def slow_direction(
 ) -> SlowDirection | None:
     """The proved direction with the lowest limit for scalar gains on the ``pinned`` agents; None without any."""
     best: SlowDirection | None = None
+    free = set(pinned) - set(caps)
     for mode in jacobians.modes:
         if not mode.is_nonnegative_diagonal:
             continue
@@ -278,7 +270,10 @@ def slow_direction(
         alike = all(gain[c][c] == gain[0][0] for gain in mode.gains for c in range(width))
         for component in range(1 if alike else width):  # one stands for all where h acts by component
             for proposed in propose(mode, component, pinned, caps, size=jacobians.size):
-                w = _nonnegative(proposed, set(pinned) - set(caps))
+                top = max((abs(x) for x in proposed), default=0.0)
+                if not 0 < top < float("inf"):
+                    continue
+                w = tuple(0 if i in free else max(0, round(x / top * FINE)) for i, x in enumerate(proposed))
                 limit = limit_of(mode, component, w, pinned=pinned, caps=caps)
                 if limit is not None and (best is None or limit < best.limit):
                     best = SlowDirection(mode=mode.name, component=component, w=w, limit=limit)
@@ -364,10 +359,3 @@ def _too_few_pins(
 def _above(limit: Fraction) -> str:
     """At most four digits, not below."""
     return f"{float(rounded_up(limit, 4)):.4g}" if limit else "0"
-
-
-def _nonnegative(proposed: Sequence[float], free: Collection[int]) -> tuple[int, ...]:
-    top = max((abs(x) for x in proposed), default=0.0)
-    if not 0 < top < float("inf"):
-        return ()
-    return tuple(0 if i in free else max(0, round(x / top * FINE)) for i, x in enumerate(proposed))

@@ -253,7 +253,10 @@ def greedy_set(
     """Agents added until the rate is reached (else None), or ``pins`` are chosen; blocks have to be Z-matrices."""
     found = list(chosen)
     while True:
-        shift = _shift(blocks, found)
+        others = np.setdiff1d(np.arange(blocks.agents), found)
+        lowest = min(programs.lowest_on(table, others)[0] for table in blocks.tables)
+        # What has to be added to S for the pins to hold the others.
+        shift = 0.0 if lowest > 1e-9 * blocks.scale else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
         left = np.array(sorted(set(free) - set(found)), dtype=np.int64)
         room = len(left) if pins is None else min(len(left), pins - len(found))
         if (shift == 0 and pins is None) or room <= 0:
@@ -265,13 +268,6 @@ def greedy_set(
             left = left[left != agent]
             for state in states:
                 state.pin(agent, float(np.sqrt(costs[agent])))
-
-
-def _shift(blocks: Blocks, chosen: Sequence[int]) -> float:
-    """What has to be added to S for the pins to hold the others; 0 if they do."""
-    others = np.setdiff1d(np.arange(blocks.agents), chosen)
-    lowest = min(programs.lowest_on(table, others)[0] for table in blocks.tables)
-    return 0.0 if lowest > 1e-9 * blocks.scale else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
 
 
 def _best(states: Sequence[_State], left: Any, costs: Array) -> int:

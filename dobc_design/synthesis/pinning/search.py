@@ -169,9 +169,15 @@ def _designed(
 ) -> PinningDesign:
     request, labels = ground.request, ground.problem.network.labels
     agents = request.allowed if choice is None or choice.agents is None else choice.agents
-    gains = _proved_gains(ground, proposer, agents)
-    if gains is None:
-        return without_gains(ground.request, structure, None)
+    for tilt in TILTS:  # gains for a rate a little faster, rounded up, that are proved for the rate asked
+        part = max(Fraction(1, 10 ** (request.digits + 2)), Fraction(1, 10**10)) * tilt
+        proposed, vectors = proposer.relax(agents, float(request.rate * (1 + part)))
+        found = {} if proposed is None else {i: proposed[i] for i in agents}
+        gains = typed_gains(found, digits=request.digits, caps=request.caps)
+        if found and decide.reaches(ground, gains, request.rate, hints=vectors):
+            break
+    else:
+        return without_gains(request, structure, None)
     vectors = proposer.relax(agents, float(request.rate))[1]
     bound = decide.bound_from(ground, vectors, agents, request.rate)
     least = bound.value if choice is None else claimed(shorten(choice.bound))
@@ -200,19 +206,6 @@ def _designed(
         reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)} at the cost"
         f" {float(cost):.6g}, and nothing that does costs less than {shorten(least, digits=6):.6g}.",
     )
-
-
-def _proved_gains(ground: Ground, proposer: PinningProposer, agents: Sequence[int]) -> dict[int, Fraction] | None:
-    """Gains for a rate a little faster, rounded up, that are proved for the rate asked."""
-    request = ground.request
-    for tilt in TILTS:
-        part = max(Fraction(1, 10 ** (request.digits + 2)), Fraction(1, 10**10)) * tilt
-        gains, vectors = proposer.relax(agents, float(request.rate * (1 + part)))
-        found = {} if gains is None else {i: gains[i] for i in agents}
-        rounded = typed_gains(found, digits=request.digits, caps=request.caps)
-        if found and decide.reaches(ground, rounded, request.rate, hints=vectors):
-            return rounded
-    return None
 
 
 def _ties(ground: Ground, proposer: PinningProposer, chosen: tuple[int, ...], choice: Choice) -> tuple[str, ...]:

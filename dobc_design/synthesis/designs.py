@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dobc_design.errors import SpecError
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.joint.claim import Design, TradeOff, read_design_request
+from dobc_design.synthesis.joint.search import Progress, search_design, trade_off_of
+from dobc_design.synthesis.observer.claim import ObserverDesign, read_observer_request
+from dobc_design.synthesis.observer.search import search_groups
+from dobc_design.synthesis.pinning.claim import PinningDesign, read_request
+from dobc_design.synthesis.pinning.search import search_pinning, search_region
 
-if TYPE_CHECKING:
-    from dobc_design.synthesis.joint.claim import Design, TradeOff
-    from dobc_design.synthesis.observer.claim import ObserverDesign
-    from dobc_design.synthesis.pinning.claim import PinningDesign
 
-Progress = Callable[[str], None]
+def _loaded(problem: Problem | str | PathLike[str]) -> Problem:
+    return problem if isinstance(problem, Problem) else load_problem(problem)
+
+
+def _silent(stage: str) -> None:
+    """Nobody asked for progress."""
 
 
 def design_observer(
@@ -40,16 +46,10 @@ def design_observer(
         >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
         'refuted'
     """
-    from dobc_design.synthesis.observer.claim import read_observer_request
-    from dobc_design.synthesis.observer.search import search_groups
-
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = _loaded(problem)
     if not problem.groups:
-        raise SpecError(
-            "exosystem must be given to design an observer, because it says what W estimates; got none.",
-            key="exosystem",
-            cure="dobc_design.exosystems has common shapes, constant() among them.",
-        )
+        text = "exosystem must be given to design an observer, because it says what W estimates; got none."
+        raise SpecError(text, key="exosystem", cure="dobc_design.exosystems has common shapes, constant() among them.")
     rate = problem.joint_observer.rate if rate is None else rate
     request = read_observer_request(rate=rate, region=region, noise=noise, digits=digits, period=period)
     return search_groups(problem.groups, request)
@@ -83,14 +83,10 @@ def design_pinning(
         >>> found.verdict.value, list(found.gains)
         ('proved', ['gateway'])
     """
-    from dobc_design.synthesis.pinning.claim import read_request
-    from dobc_design.synthesis.pinning.search import search_pinning, search_region
-
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
-    request = read_request(
-        problem.network.labels, rate=rate, allowed=allowed, cost=cost, max_gain=max_gain, pins=pins, digits=digits
-    )
-    progress = progress or (lambda stage: None)
+    problem = _loaded(problem)
+    limits = {"allowed": allowed, "cost": cost, "max_gain": max_gain, "pins": pins, "digits": digits}
+    request = read_request(problem.network.labels, rate=rate, **limits)
+    progress = progress or _silent
     if region is None:
         return search_pinning(problem, request, progress)
     progress("looking for gains that do over the region")
@@ -121,21 +117,10 @@ def design(
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
     with the nearest possible request.  Raises: SpecError for a wrong argument.
     """
-    from dobc_design.synthesis.joint.claim import read_design_request
-    from dobc_design.synthesis.joint.search import search_design
-
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
-    request = read_design_request(
-        problem.network.labels,
-        rate=rate,
-        pins=pins,
-        max_gain=max_gain,
-        allowed=allowed,
-        noise=noise,
-        digits=digits,
-        reduce=reduce,
-    )
-    return search_design(problem, request, progress or (lambda stage: None))
+    problem = _loaded(problem)
+    limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
+    request = read_design_request(problem.network.labels, digits=digits, reduce=reduce, **limits)
+    return search_design(problem, request, progress or _silent)
 
 
 def trade_off(
@@ -160,11 +145,6 @@ def trade_off(
     in ``design``; gains that the problem has are not looked at.
     Returns: a TradeOff with ``points``, ``plot()`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
     """
-    from dobc_design.synthesis.joint.claim import read_design_request
-    from dobc_design.synthesis.joint.search import trade_off_of
-
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = _loaded(problem)
     request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
-    return trade_off_of(
-        problem, request, curve, design=design, points=points, progress=progress or (lambda stage: None)
-    )
+    return trade_off_of(problem, request, curve, design=design, points=points, progress=progress or _silent)

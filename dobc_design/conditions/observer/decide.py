@@ -22,10 +22,7 @@ _check = partial(Check, domain="global")
 
 
 def observability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
-    """Decide whether (A, C) is observable.  A gain of any speed exists iff it is.
-
-    ``problem``, here and below, lets the cure project what it says of the exosystem's states.
-    """
+    """Decide whether (A, C) is observable.  Here and below ``problem`` lets the cure project what it says of states."""
     found = decide_observable(exosystem.A, exosystem.C)
     q, claim = exosystem.order, Values({"rank": str(found.rank)})
     if found.verdict is Verdict.PROVED:
@@ -128,10 +125,7 @@ def confirm(check: Check, problem: Problem, W: Matrix | None) -> str | None:
 
 
 def group_of(name: object, problem: Problem, W: Matrix | None) -> tuple[Exosystem, Matrix | None]:
-    """The exosystem and the gain of the group with this name; of the only one without a name.
-
-    Raises: ValueError if there is none, or if W is not block diagonal.
-    """
+    """Exosystem and gain of the group (None: the only one).  Raises: ValueError if there is none, or W mixes groups."""
     groups = problem.groups
     if not problem.is_grouped:
         if name is not None or not groups:

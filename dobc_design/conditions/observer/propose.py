@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from math import comb
 from random import Random
 from typing import Any
 
@@ -21,6 +20,7 @@ from scipy import linalg
 
 from dobc_design.conditions.consensus.claim import reduced, with_gain
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
+from dobc_design.exact import observability
 from dobc_design.exact.matrix import (
     Matrix,
     add,
@@ -33,12 +33,6 @@ from dobc_design.exact.matrix import (
     to_float,
     transpose,
     zeros,
-)
-from dobc_design.exact.observability import (
-    decide_detectable,
-    decide_observable,
-    observability_matrix,
-    observable_reduction,
 )
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
@@ -93,7 +87,7 @@ def decimal_exponent(x: Fraction) -> int:
 
 def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
     """W (q, m) with every observable pole of A - WC at -(rate + 1), in roundings and then exactly."""
-    A, C, T = observable_reduction(exosystem.A, exosystem.C)
+    A, C, T = observability.observable_reduction(exosystem.A, exosystem.C)
     if not A:
         yield zeros(exosystem.order, exosystem.outputs)
         return
@@ -103,7 +97,7 @@ def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
         first = _small(random, len(A), len(C), attempt)
         mix = _small(random, 1, len(C), max(1, attempt))
         error, output = subtract(A, multiply(first, C)), multiply(mix, C)
-        if decide_observable(error, output).verdict is Verdict.PROVED:
+        if observability.decide_observable(error, output).verdict is Verdict.PROVED:
             gain = multiply(back, add(first, multiply(_ackermann(error, output, pole=rate + 1), mix)))
             with suppress(*GIVEN_UP):  # beyond the floats; the exact one is still there
                 yield from (round_matrix(to_float(gain), digits) for digits in (6, 12))
@@ -114,20 +108,17 @@ def placed_gains(exosystem: Exosystem, *, rate: Fraction) -> Iterator[Matrix]:
 def _ackermann(A: Matrix, c: Matrix, *, pole: Fraction) -> Matrix:
     """L (r, 1) with det(sI - A + L c) = (s + pole)^r, for an observable pair of one output."""
     r = len(A)
-    polynomial, power = zeros(r, r), identity(r)
-    for k in range(r + 1):
-        polynomial = add(polynomial, scale(comb(r, k) * pole ** (r - k), power))
-        power = multiply(power, A)
+    polynomial = identity(r)
+    for _ in range(r):
+        polynomial = multiply(polynomial, add(A, scale(pole, identity(r))))
     last = tuple((Fraction(int(i == r - 1)),) for i in range(r))
-    return multiply(polynomial, multiply(inverse(observability_matrix(A, c)), last))
+    return multiply(polynomial, multiply(inverse(observability.observability_matrix(A, c)), last))
 
 
 def _small(random: Random, rows: int, columns: int, size: int) -> Matrix:
     """Small random integers; all zero (or one) at the first attempt."""
-    return tuple(
-        tuple(Fraction(random.randint(-size, size) or int(i == j and rows == 1)) for j in range(columns))
-        for i in range(rows)
-    )
+    one = [[int(i == j and rows == 1) for j in range(columns)] for i in range(rows)]
+    return tuple(tuple(Fraction(random.randint(-size, size) or x) for x in row) for row in one)
 
 
 def kalman_gain(A: Array, C: Array, *, process: float = 1.0, sampled: bool = False) -> Array | None:
@@ -214,8 +205,7 @@ def propose_pairs(
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
     """Rational (P, P W) to be tried in turn, each with a sentence on how it came about ("" for the usual way).
 
-    ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about the decay rate of A - WC > 0 (1/s).
-    ``time_limit`` in s, for one call of a solver; the last pairs need no solver.
+    ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about that of A - WC > 0 (1/s); the last need no solver.
     """
     why = "there was no estimate to start a solver from"
     if bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
@@ -266,16 +256,13 @@ class GainDesign:
 
 
 def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limit: float = TIME_LIMIT) -> GainDesign:
-    """Design W (q, m) so that A - WC decays at least at ``rate`` (1/s): Theorem 1 with the rate added, W = P^-1 Q.
-
-    ``time_limit`` in s, for one call of a solver; the ladder ends with a gain that needs no solver.
-    """
-    if decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
+    """Design W (q, m) so that A - WC decays at ``rate`` (1/s); ``time_limit`` (s) for one call of a solver."""
+    if observability.decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
         return GainDesign(W=None, rate=None, note="no W exists: (A, C) is not detectable.")
     prefix, asked, kalman, wanted = "", "as asked", None, rate
     if wanted is not None:
         shifted = add(exosystem.A, scale(wanted, identity(exosystem.order)))
-        if decide_detectable(shifted, exosystem.C).verdict is not Verdict.PROVED:
+        if observability.decide_detectable(shifted, exosystem.C).verdict is not Verdict.PROVED:
             reason = "a part of the exosystem that C does not see decays no faster."
             prefix = f"the rate asked, {_short(wanted)} 1/s, cannot be reached: {reason} "
     if wanted is None or prefix:
@@ -288,10 +275,8 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limi
             note = f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
             return GainDesign(W=W, rate=wanted, note=note)
     cure = f"{'ask for a lower observer.rate, or ' if wanted else ''}give one as observer.W."
-    note = (
-        f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP (Clarabel, then"
-        f" {SECOND}) nor as a Kalman gain nor by exact pole placement; {cure}"
-    )
+    note = f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP (Clarabel, then"
+    note += f" {SECOND}) nor as a Kalman gain nor by exact pole placement; {cure}"
     return GainDesign(W=None, rate=wanted, note=note)
 
 
@@ -349,10 +334,8 @@ def _short(rate: Fraction) -> str:
 
 def design_gains(problem: Problem) -> tuple[GainDesign | None, ...]:
     """A designed gain for every group of agents; None where W is given."""
-    return tuple(
-        None if group.observer.W is not None else design_gain(group.exosystem, rate=group.observer.rate)
-        for group in problem.groups
-    )
+    pairs = [(group.exosystem, group.observer) for group in problem.groups]
+    return tuple(None if own.W is not None else design_gain(system, rate=own.rate) for system, own in pairs)
 
 
 def chosen_gains(problem: Problem, designs: Sequence[GainDesign | None]) -> tuple[Matrix | None, ...]:

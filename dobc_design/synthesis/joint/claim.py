@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -72,35 +73,14 @@ class DesignRequest:
 
 
 def read_design_request(
-    labels: Sequence[str],
-    *,
-    rate: Any = None,
-    allowed: Any = None,
-    max_gain: Any = None,
-    pins: Any = None,
-    noise: Any = None,
-    digits: Any = 3,
-    reduce: Any = True,
+    labels: Sequence[str], *, rate: Any = None, noise: Any = None, reduce: Any = True, **asked: Any
 ) -> DesignRequest:
-    """Read the arguments of ``design``; agents by label, numbers exactly.
-
-    Raises: SpecError that names every wrong argument.
-    """
-    asked = {"allowed": allowed, "max_gain": max_gain, "pins": pins, "digits": digits}
-    pinning, limits, reduce = read_all(
-        lambda: read_request(labels, rate=1 if rate is None else rate, **asked),
-        lambda: read_noise(noise),
-        lambda: _read_reduce(reduce),
-    )
-    return DesignRequest(
-        rate=None if rate is None else pinning.rate,
-        allowed=pinning.allowed,
-        caps=pinning.caps,
-        pins=pinning.pins if isinstance(pinning.pins, int) else None,
-        noise=limits,
-        digits=pinning.digits,
-        reduce=reduce,
-    )
+    """Read the arguments of ``design``, exactly.  Raises: SpecError that names every wrong one."""
+    pinning = partial(read_request, labels, rate=1 if rate is None else rate, **asked)
+    found, limits, reduce = read_all(pinning, lambda: read_noise(noise), lambda: _read_reduce(reduce))
+    own = {"allowed": found.allowed, "caps": found.caps, "digits": found.digits, "noise": limits, "reduce": reduce}
+    pins = found.pins if isinstance(found.pins, int) else None
+    return DesignRequest(rate=None if rate is None else found.rate, pins=pins, **own)
 
 
 def _read_reduce(reduce: Any) -> bool:
@@ -230,24 +210,18 @@ class TradeOff(Shown):
         lines = [f"{self.name}: {self.y_name} against {self.x_name}"]
         for point in self._all():
             marks = ", ".join(point.pinned[:8]) + (", ..." if len(point.pinned) > 8 else "")
-            lines.append(
-                f"  {point.x:<10.4g} {point.y:<10.4g} {'pinned ' + marks if marks else ''}".rstrip()
-                + ("   <- chosen" if point is self.chosen else "")
-            )
+            line = f"  {point.x:<10.4g} {point.y:<10.4g} {'pinned ' + marks if marks else ''}".rstrip()
+            lines.append(f"{line}   <- chosen" if point is self.chosen else line)
         return "\n".join([*lines, *(f"  {sentence}" for sentence in self.sensitivity)])
 
     def plot(self) -> Sheet:
         """The curve as a figure, with the chosen point."""
         from dobc_design.plotting.sweeps import trade_off_sheet
 
-        return trade_off_sheet(
-            [(point.x, point.y) for point in self.points],
-            x_name=self.x_name,
-            y_name=self.y_name,
-            chosen=None if self.chosen is None else (self.chosen.x, self.chosen.y),
-            name=self.name,
-            steps=self.curve == "pins",
-        )
+        points = [(point.x, point.y) for point in self.points]
+        chosen = None if self.chosen is None else (self.chosen.x, self.chosen.y)
+        names = {"x_name": self.x_name, "y_name": self.y_name, "name": self.name}
+        return trade_off_sheet(points, chosen=chosen, steps=self.curve == "pins", **names)
 
     def to_pandas(self) -> pd.DataFrame:
         """One row per point: x, y, pinned, proved, chosen.  Raises: SpecError if pandas is not installed."""

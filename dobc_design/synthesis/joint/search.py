@@ -1,10 +1,9 @@
 """The joint design: W, pins and gains for one request, rounded and certified; the nearest possible one; trade-offs.
 
-The order is that of the cost: facts of exosystem and graph, rates that no gains reach, the observer, then pins and
-gains for the region asked for, or near the consensus where none is.  Every group that listens to nobody outside gets a
-pin (without one nothing can work); further pins go where the region allows the largest rate.  What is left of a network
-without its pins is compared quickly, by the slowest direction of J + J', and the best few by the rows of the region.
-Then what is given up first is what the refutation names; how far is read off a design without that limit.
+The order is that of the cost: facts of exosystem and graph, rates that no gains reach, the observer, then pins, gains
+for the region asked for, or near the consensus.  Every group that listens to nobody outside gets a pin; further pins go
+where the region allows the largest rate, as the slowest direction of J + J' says of many and the rows of the region of
+the best few.  What is given up first is what the refutation names; how far is read off a design without that limit.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from dobc_design.synthesis.joint.claim import AXES, Design, DesignRequest, Trade
 from dobc_design.synthesis.observer.claim import ObserverDesign, ObserverRequest
 from dobc_design.synthesis.observer.decide import reduced_exosystem
 from dobc_design.synthesis.observer.search import search_groups
-from dobc_design.synthesis.pinning.claim import FEWEST, PinningDesign, PinningRequest, Structure, typed_gains
+from dobc_design.synthesis.pinning.claim import FEWEST, Gains, PinningDesign, PinningRequest, Structure, typed_gains
 from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of, too_fast
 from dobc_design.synthesis.pinning.propose import slow_directions
 from dobc_design.synthesis.pinning.propose_regions import RegionGains, RegionSearch
@@ -64,10 +63,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ground:
-    """One request and its problem without W and gains; ``changes`` took the exosystem's hidden part out.
-
-    ``part``: of the fastest rate, what is aimed at where no rate is asked for.
-    """
+    """One request and its problem without W and gains; without a rate, ``part`` of the fastest one is aimed at."""
 
     problem: Problem
     request: DesignRequest
@@ -79,10 +75,7 @@ class Ground:
     observers: list[ObserverDesign | None] = field(default_factory=list)
 
     def every_observer(self) -> Iterator[ObserverDesign | None]:
-        """All gains worth trying, slow ones first, each designed when it is first asked for; None where none is needed.
-
-        The first may be without a W: then it says why there is none.
-        """
+        """All gains worth trying, slow ones first (None: none is needed); the first may say why there is no W."""
         if not self.observers:
             self.observers.append(self._first_observer() if self.problem.groups else None)
         first = self.observers[0]
@@ -105,19 +98,14 @@ class Ground:
         first, asked = observer_at(self.problem, self.request, None), self.request.rate
         if asked is None or first.W is None or _pace(first) >= MARGIN * asked:
             return first
-        first = observer_at(self.problem, self.request, MARGIN * asked)
-        return observer_at(self.problem, self.request, asked * Fraction(101, 100)) if first.W is None else first
+        fast = observer_at(self.problem, self.request, MARGIN * asked)
+        return observer_at(self.problem, self.request, asked * Fraction(101, 100)) if fast.W is None else fast
 
     def pinning(self, rate: Fraction, agents: Sequence[int], pins: int | str | None = None) -> PinningDesign:
         """The cheapest gains on these agents near the consensus."""
-        request = PinningRequest(
-            rate=rate,
-            allowed=tuple(agents),
-            costs=(Fraction(1),) * self.problem.n,
-            caps=self.request.caps,
-            pins=pins,
-            digits=self.request.digits,
-        )
+        own: dict[str, Any] = {"caps": self.request.caps, "digits": self.request.digits, "pins": pins}
+        costs = (Fraction(1),) * self.problem.n
+        request = PinningRequest(rate=rate, allowed=tuple(agents), costs=costs, **own)
         return search_pinning(self.problem, request, self.progress)
 
     def nothing(
@@ -131,12 +119,12 @@ class Ground:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """W and gains (1/s, rounded) meant for the rate ``aim`` (1/s), with what is to be said of them."""
+    """W and gains (1/s, rounded) on at most the ``pinned`` agents, meant for the rate ``aim`` (1/s)."""
 
     observer: ObserverDesign | None
-    gains: Mapping[int, Fraction]
+    gains: Gains
+    pinned: Sequence[int]
     aim: float
-    decisions: tuple[str, ...]
     prices: tuple[str, ...]
 
 
@@ -196,7 +184,11 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     problem, request = ground.problem, ground.request
     labels = problem.network.labels
     gains = {labels[i]: k for i, k in sorted(proposal.gains.items())}
-    W = None if proposal.observer is None else proposal.observer.W
+    W, said = (None, []) if proposal.observer is None else (proposal.observer.W, observer_words(proposal.observer))
+    fixed = request.pins is not None and len(proposal.pinned) >= request.pins
+    said.append(pins_words(problem, ground.structure, sorted(proposal.gains), fixed=fixed))
+    part = None if request.rate else ground.part
+    said.append(gains_words(problem, proposal.gains, digits=request.digits, part=part))
     wanted: dict[str, Any] = {"pinning.gains": {label: typed_number(k) for label, k in gains.items()}}
     if W is not None:
         wanted |= gain_changes(problem, W)
@@ -207,13 +199,11 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     if proof.verdict is Verdict.PROVED and (proof.rate or 0.0) < hoped and designed.is_linear and designed.region:
         proof = certify(designed, everything=True)  # a proof of every start came first, with a lower rate
         whole = " That rate is proved when every condition is run (dobc certify --all)."
-    verdict, reason = Verdict.UNDECIDED, proof.reason
-    if proof.verdict is Verdict.PROVED:
-        if request.rate is None or (proof.rate is not None and claimed(proof.rate) >= request.rate):
-            verdict = Verdict.PROVED
-        else:
-            asked = f"{typed_number(request.rate)} was asked for."
-            reason = f"the rate proved is {proof.rate or 0:.4g} 1/s, {asked}"
+    verdict = Verdict.PROVED if proof.verdict is Verdict.PROVED else Verdict.UNDECIDED
+    reason = proof.reason
+    if verdict is Verdict.PROVED and request.rate is not None and claimed(proof.rate or 0.0) < request.rate:
+        verdict, asked = Verdict.UNDECIDED, f"{typed_number(request.rate)} was asked for."
+        reason = f"the rate proved is {proof.rate or 0:.4g} 1/s, {asked}"
     return Design(
         verdict=verdict,
         reason=reason,
@@ -224,7 +214,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         gains=gains,
         rate=proof.rate,
         cost=sum(gains.values(), Fraction(0)),
-        decisions=(*proposal.decisions, f"Proved by: {proof.covered_by or 'nothing yet'}.{whole}"),
+        decisions=(*ground.decisions, *said, f"Proved by: {proof.covered_by or 'nothing yet'}.{whole}"),
         prices=proposal.prices,
         changes={**ground.changes, **wanted},
         problem=designed,
@@ -312,7 +302,7 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
 
     most = len(request.allowed) if request.pins is None else request.pins
     first = search_with(next(ground.every_observer()))
-    for pinned in pin_sets(ground.structure, request.allowed, search=first, caps=request.caps, most=most):
+    for pinned in pin_sets(ground.structure, request, search=first, most=most):
         ground.progress(f"looking for gains on {counted(len(pinned), 'agent')}")
         observers = ground.every_observer()
         if request.rate is None:  # from the slowest on that does not hold the network back
@@ -341,7 +331,7 @@ def _over_region(
             return
         gains = typed_gains(found.gains, digits=request.digits, caps=caps)
         prices = tuple(price_words(ground.problem, found, request.allowed, caps))
-        yield _proposal(ground, observer, gains, pinned, aim=target, prices=prices)
+        yield Proposal(observer=observer, gains=gains, pinned=pinned, aim=target, prices=prices)
 
 
 def of_consensus(ground: Ground) -> Iterator[Proposal]:
@@ -359,7 +349,7 @@ def of_consensus(ground: Ground) -> Iterator[Proposal]:
                 break
             gains = {ground.problem.network.index[label]: k for label, k in found.gains.items()}
             prices = (*found.prices, *found.ties)
-            yield _proposal(ground, observer, gains, tuple(gains), aim=float(rate), prices=prices)
+            yield Proposal(observer=observer, gains=gains, pinned=tuple(gains), aim=float(rate), prices=prices)
 
 
 def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
@@ -383,19 +373,10 @@ def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
 
 
 def pin_sets(
-    structure: Structure,
-    allowed: Sequence[int],
-    *,
-    search: RegionSearch,
-    caps: Mapping[int, Fraction],
-    most: int,
-    one_by_one: bool = False,
+    structure: Structure, request: DesignRequest, *, search: RegionSearch, most: int, one_by_one: bool = False
 ) -> Iterator[tuple[int, ...]]:
-    """Sets of at most ``most`` allowed agents, growing; each holds the one before it, the last all that are allowed.
-
-    ``one_by_one``: by one agent each time, however many there are.
-    """
-    blocks = network_blocks(search.problem)
+    """Growing sets of at most ``most`` allowed agents, each with the one before it; ``one_by_one``: one agent more."""
+    blocks, allowed, caps = network_blocks(search.problem), request.allowed, request.caps
 
     @cache
     def quick(agents: frozenset[int]) -> float:
@@ -435,40 +416,17 @@ def pin_sets(
         yield tuple(sorted(chosen))
 
 
-def _proposal(
-    ground: Ground,
-    observer: ObserverDesign | None,
-    gains: Mapping[int, Fraction],
-    pinned: Sequence[int],
-    *,
-    aim: float,
-    prices: tuple[str, ...],
-) -> Proposal:
-    request = ground.request
-    fixed = request.pins is not None and len(pinned) >= request.pins
-    decisions = (
-        *ground.decisions,
-        *([] if observer is None else observer_words(observer)),
-        pins_words(ground.problem, ground.structure, sorted(gains), fixed=fixed),
-        gains_words(ground.problem, gains, digits=request.digits, part=None if request.rate else ground.part),
-    )
-    return Proposal(observer=observer, gains=gains, aim=aim, decisions=decisions, prices=prices)
-
-
-def observer_words(found: ObserverDesign) -> list[str]:
+def observer_words(found: ObserverDesign, whose: str = "") -> list[str]:
     """W, how fast its error decays, how it came about; a sentence for every group of agents."""
-    if not found.groups:
-        return [f"Observer: {_gain_words(found)}"]
-    return [f"Observer of the group of agent {name}: {_gain_words(each)}" for name, each in found.groups.items()]
-
-
-def _gain_words(found: ObserverDesign) -> str:
+    if found.groups:
+        own = (observer_words(each, f" of the group of agent {name}") for name, each in found.groups.items())
+        return [sentence for sentences in own for sentence in sentences]
     rate, gain, noise = (found.measures.get(name) for name in ("rate", "gain", "hinf measurement"))
     pace = f" at {rate:.4g} 1/s" if rate else ""
     loud = f", noise on the measured x reaches dhat with a gain of at most {noise:.4g} 1/s" if noise else ""
     size = f" |W| = {gain:.4g}." if gain else ""
     rows = value_text(typed_matrix(found.W or ()))
-    return f"W = {rows} ({found.source}): the error of the estimate decays{pace}{loud}.{size}"
+    return [f"Observer{whose}: W = {rows} ({found.source}): the error of the estimate decays{pace}{loud}.{size}"]
 
 
 def pins_words(problem: Problem, structure: Structure, pinned: Sequence[int], *, fixed: bool) -> str:
@@ -491,7 +449,7 @@ def pins_words(problem: Problem, structure: Structure, pinned: Sequence[int], *,
     return f"Pinned: {name_agents([labels[i] for i in pinned])}; {why}."
 
 
-def gains_words(problem: Problem, gains: Mapping[int, Fraction], *, digits: int, part: Fraction | None) -> str:
+def gains_words(problem: Problem, gains: Gains, *, digits: int, part: Fraction | None) -> str:
     """The gains, rounded up, and what they are for."""
     labels = problem.network.labels
     each = ", ".join(f"k = {typed_number(k)} for agent {labels[i]}" for i, k in islice(gains.items(), SHOWN))
@@ -501,9 +459,7 @@ def gains_words(problem: Problem, gains: Mapping[int, Fraction], *, digits: int,
     return f"Gains: {each}{more}{total} (1/s), rounded up to {counted(digits, 'digit')}.{aim}"
 
 
-def price_words(
-    problem: Problem, found: RegionGains, allowed: Sequence[int], caps: Mapping[int, Fraction]
-) -> Iterator[str]:
+def price_words(problem: Problem, found: RegionGains, allowed: Sequence[int], caps: Gains) -> Iterator[str]:
     """The multipliers of a design over a region: what more rate costs, and where a further pin buys most."""
     labels, total = problem.network.labels, sum(found.gains.values())
     if not total or not found.rate:
@@ -519,10 +475,8 @@ def price_words(
     if best and found.prices[best[0]] > 1:
         named = ", ".join(f"agent {labels[i]} {found.prices[i]:.3g}" for i in best if found.prices[i] > 1)
         kept = "" if best[0] in set(allowed) else f" (pins there are not allowed on agent {labels[best[0]]})"
-        yield (
-            f"Price of so few pins: agent {labels[best[0]]} would buy most. Each 1/s of gain there would save"
-            f" about so much elsewhere: {named}{kept}."
-        )
+        most = f"agent {labels[best[0]]} would buy most. Each 1/s of gain there would save about so much elsewhere"
+        yield f"Price of so few pins: {most}: {named}{kept}."
     elif others:
         yield "Price of so few pins: none; a gain on any other agent would cost more than it saves."
 
@@ -587,7 +541,7 @@ def _pin_points(
     search = region_search(problem, observer)
     most = min(len(request.allowed) if request.pins is None else request.pins, len(structure.agents) + points - 1)
     found: list[TradePoint] = []
-    for pinned in pin_sets(structure, request.allowed, search=search, caps=request.caps, most=most, one_by_one=True):
+    for pinned in pin_sets(structure, request, search=search, most=most, one_by_one=True):
         progress(f"{len(pinned)} pinned agents")
         rate = search.fastest(pinned, request.caps)
         if 0 < rate < math.inf:
@@ -600,14 +554,12 @@ def _largest_step(points: Sequence[TradePoint]) -> Iterator[str]:
     if len(points) > 1:
         before, after = max(pairwise(points), key=lambda step: step[1].y / step[0].y)
         new = ", ".join(label for label in after.pinned if label not in before.pinned)
-        yield (
-            f"The step that buys most: from {before.x:g} to {after.x:g} pins, with agent {new} the rate grows"
-            f" {after.y / before.y:.3g} times."
-        )
+        step, times = f"from {before.x:g} to {after.x:g} pins", f"{after.y / before.y:.3g} times"
+        yield f"The step that buys most: {step}, with agent {new} the rate grows {times}."
 
 
 def _noise_point(observer: ObserverDesign) -> list[TradePoint]:
-    noise, pace = observer.measures.get("hinf measurement"), observer.measures.get("rate")
+    pace, noise = (observer.measures.get(name) for name in ("rate", "hinf measurement"))
     return [] if noise is None or pace is None else [TradePoint(x=pace, y=noise, proved=True)]
 
 

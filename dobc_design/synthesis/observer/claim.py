@@ -52,11 +52,8 @@ class HalfPlane(_Asked):
     def __init__(self, *, left_of: Any = None, right_of: Any = None) -> None:
         if (left_of is None) == (right_of is None):
             got = "neither" if left_of is None else "both"
-            raise SpecError(
-                f"a HalfPlane must have one side, left_of or right_of; got {got}.",
-                key="region",
-                cure="For a strip give two half planes in a list.",
-            )
+            text = f"a HalfPlane must have one side, left_of or right_of; got {got}."
+            raise SpecError(text, key="region", cure="For a strip give two half planes in a list.")
         for name, value in (("left_of", left_of), ("right_of", right_of)):
             object.__setattr__(self, name, None if value is None else parse_number(value, key=f"region.{name}"))
 
@@ -100,12 +97,9 @@ class Cone(_Asked):
     def __init__(self, *, damping: Any) -> None:
         object.__setattr__(self, "damping", parse_number(damping, key="region.damping"))
         if not 0 < self.damping < 1:
-            raise SpecError(
-                "region.damping must lie between 0 and 1, as the cosine of the cone's half angle; got"
-                f" {shown_number(self.damping)}.",
-                key="region.damping",
-                cure="For real eigenvalues only, ask for 0.999.",
-            )
+            text = "region.damping must lie between 0 and 1, as the cosine of the cone's half angle; got"
+            cure = "For real eigenvalues only, ask for 0.999."
+            raise SpecError(f"{text} {shown_number(self.damping)}.", key="region.damping", cure=cure)
 
     def __str__(self) -> str:
         return f"damping >= {shown_number(self.damping)}"
@@ -137,11 +131,8 @@ class NoiseLimit(_Asked):
     def __init__(self, *, bound: Any, channel: str = "measurement", norm: str = "hinf") -> None:
         for name, value, words in (("channel", channel, CHANNELS), ("norm", norm, sorted(NORMS))):
             if value not in words:
-                raise SpecError(
-                    f"noise.{name} must be one of {', '.join(words)}; got {shown(value)}.",
-                    key=f"noise.{name}",
-                    cure=f'For example {name}="{words[0]}".',
-                )
+                text = f"noise.{name} must be one of {', '.join(words)}; got {shown(value)}."
+                raise SpecError(text, key=f"noise.{name}", cure=f'For example {name}="{words[0]}".')
             object.__setattr__(self, name, value)
         object.__setattr__(self, "bound", read_positive(bound, "noise"))
 
@@ -175,25 +166,16 @@ def read_observer_request(
 ) -> ObserverRequest:
     """Read the arguments of ``design_observer``; numbers exactly.  Raises: SpecError for a wrong one."""
     check_digits(digits)
-    request = ObserverRequest(
-        rate=None if rate is None else read_positive(rate, "rate"),
-        regions=_read_regions(region),
-        noise=read_noise(noise),
-        digits=digits,
-        period=None if period is None else read_positive(period, "period"),
-    )
+    speed = None if rate is None else read_positive(rate, "rate")
+    regions, limits = _read_regions(region), read_noise(noise)
+    step = None if period is None else read_positive(period, "period")
+    request = ObserverRequest(rate=speed, regions=regions, noise=limits, digits=digits, period=step)
     if request.period is not None and request.noise:
-        raise SpecError(
-            "noise cannot be asked of a sampled observer yet; got it together with period.",
-            key="noise",
-            cure="Leave noise out, or design in continuous time.",
-        )
+        text = "noise cannot be asked of a sampled observer yet; got it together with period."
+        raise SpecError(text, key="noise", cure="Leave noise out, or design in continuous time.")
     if request.period is not None and not all(isinstance(region, Disk) for region in request.regions):
-        raise SpecError(
-            "region must be a Disk for a sampled observer: its eigenvalues belong in the unit disk.",
-            key="region",
-            cure="Use rate for a decay rate in 1/s.",
-        )
+        text = "region must be a Disk for a sampled observer: its eigenvalues belong in the unit disk."
+        raise SpecError(text, key="region", cure="Use rate for a decay rate in 1/s.")
     return request
 
 
@@ -221,11 +203,8 @@ def _read_regions(value: Any) -> tuple[SpectralRegion, ...]:
     regions = _given(value)
     for region in regions:
         if not isinstance(region, (HalfPlane, Disk, Cone)):
-            raise SpecError(
-                f"region must be a HalfPlane, a Disk or a Cone, or a list of them; got {shown(region)}.",
-                key="region",
-                cure="For example region=dd.Cone(damping=0.7).",
-            )
+            text = f"region must be a HalfPlane, a Disk or a Cone, or a list of them; got {shown(region)}."
+            raise SpecError(text, key="region", cure="For example region=dd.Cone(damping=0.7).")
     return regions
 
 
@@ -235,10 +214,7 @@ def _given(value: Any) -> tuple[Any, ...]:
 
 
 def common_interval(regions: tuple[SpectralRegion, ...]) -> Ends | None:
-    """The common part of the regions on the real axis; None if it is empty, and then the regions have no common point.
-
-    A common point z would bring its conjugate and, by convexity, Re z along.
-    """
+    """The common part on the real axis; if it is empty (None), so is that of the regions: z brings Re z along."""
     low = max((left for left, _ in (region.real_ends for region in regions) if left is not None), default=None)
     high = min((right for _, right in (region.real_ends for region in regions) if right is not None), default=None)
     return None if low is not None and high is not None and low > high else (low, high)

@@ -6,8 +6,7 @@ C X C' with F X + X F' + B B' = 0.  For F Hurwitz the H-infinity norm is below g
 Hamiltonian matrix has no imaginary eigenvalue, a Sturm count in s^2 (Boyd, Balakrishnan, Kabamba 1989).
 
 Impossible: without a bound on noise the answer is complete.  The regions (closed, convex, symmetric) and Re s < 0 share
-a real point or nothing; W can put all observable eigenvalues into one real point (Ackermann), and the hidden ones are
-where they are.  So a W exists iff there is such a point and the hidden eigenvalues lie in the regions.
+a real point or nothing, W can put all observable eigenvalues there (Ackermann), and the hidden ones are where they are.
 """
 
 from __future__ import annotations
@@ -22,14 +21,12 @@ from dobc_design.conditions.numbers import claimed, largest_proved
 from dobc_design.conditions.observer.decide import detectability_check, error_matrix
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError
+from dobc_design.exact import interval as exponential
+from dobc_design.exact import polynomial as roots
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import (
     Interval,
-    IntervalMatrix,
-    discretise,
     exp,
-    interval_characteristic_polynomial,
-    interval_routh,
 )
 from dobc_design.exact.matrix import (
     Matrix,
@@ -46,20 +43,7 @@ from dobc_design.exact.matrix import (
 )
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.observability import decide_detectable, observable_reduction
-from dobc_design.exact.polynomial import (
-    Coefficients,
-    characteristic_polynomial,
-    cone_image,
-    count_right_half_plane,
-    decide_hurwitz,
-    decide_images,
-    disk_image,
-    has_root_up_to_zero,
-    polynomial_text,
-    reflected,
-    routh,
-    shifted,
-)
+from dobc_design.exact.polynomial import Coefficients, characteristic_polynomial
 from dobc_design.exact.reading import shown_number
 from dobc_design.problem.changes import value_text
 from dobc_design.problem.exosystems import Exosystem
@@ -96,18 +80,18 @@ def gain_statements(exosystem: Exosystem, W: Matrix, request: ObserverRequest) -
 def image(region: SpectralRegion, polynomial: Coefficients) -> Coefficients:
     """A polynomial that has no root with positive real part iff the roots of a monic one lie in the closed region."""
     if isinstance(region, Disk):
-        return disk_image(polynomial, centre=region.centre, radius=region.radius)
+        return roots.disk_image(polynomial, centre=region.centre, radius=region.radius)
     if isinstance(region, Cone):
-        return cone_image(polynomial, damping=region.damping)
+        return roots.cone_image(polynomial, damping=region.damping)
     if region.left_of is not None:
-        return shifted(polynomial, region.left_of)
-    return reflected(shifted(polynomial, region.right_of or Fraction(0)))
+        return roots.shifted(polynomial, region.left_of)
+    return roots.reflected(roots.shifted(polynomial, region.right_of or Fraction(0)))
 
 
 def roots_inside(polynomial: Coefficients, region: SpectralRegion) -> tuple[bool, bool]:
     """Whether every root lies in the closed region, and whether in its interior: exact."""
     degree = (len(polynomial) - 1) * (2 if isinstance(region, Cone) else 1)
-    return decide_images((image(region, polynomial),), degree=degree)
+    return roots.decide_images((image(region, polynomial),), degree=degree)
 
 
 def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region") -> Statement:
@@ -115,7 +99,7 @@ def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region")
     polynomial = characteristic_polynomial(F)
     inside, strictly = roots_inside(polynomial, region)
     text = f"every eigenvalue of A - WC lies in {region}"
-    shown = {"polynomial": polynomial_text(polynomial)}
+    shown = {"polynomial": roots.polynomial_text(polynomial)}
     if not inside:
         return refuted(kind, f"it is false that {text}.", **shown)
     return proved(kind, f"{text}, {'and none' if strictly else 'with one'} on its border.", **shown)
@@ -123,7 +107,7 @@ def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region")
 
 def hurwitz_statement(F: Matrix) -> Statement:
     """State whether F = A - W C is Hurwitz, by Routh's first column."""
-    table = decide_hurwitz(F)
+    table = roots.decide_hurwitz(F)
     column = ", ".join(number_text(x) for x in table.first_column)
     if table.verdict is Verdict.PROVED:
         return proved("hurwitz", "A - WC is Hurwitz.", routh=column)
@@ -140,30 +124,26 @@ def damping_holds(F: Matrix, damping: Fraction) -> bool:
     return 0 < damping < 1 and roots_inside(characteristic_polynomial(F), Cone(damping=damping))[0]
 
 
-def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> IntervalMatrix:
+def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponential.IntervalMatrix:
     """Enclose Ad - W Cd, with Ad = exp(A T) and Cd = C (1/T) int_0^T exp(A s) ds.
 
     The sampled observer works with means over a period: (x_(k+1) - x_k)/T less the mean of couplings and inputs is
     Cd xi_k.
     """
-    found = discretise(exosystem.A, period)
+    found = exponential.discretise(exosystem.A, period)
     q = exosystem.order
     zero = Interval.point(0)
     Cd = [[sum((found.mean[r][j] * c for r, c in enumerate(row) if c), zero) for j in range(q)] for row in exosystem.C]
-    return tuple(
-        tuple(found.transition[i][j] - sum((Cd[c][j] * w for c, w in enumerate(W[i]) if w), zero) for j in range(q))
-        for i in range(q)
-    )
+    gains = [[(c, w) for c, w in enumerate(row) if w] for row in W]
+    table = enumerate(found.transition)
+    return tuple(tuple(row[j] - sum((Cd[c][j] * w for c, w in gains[i]), zero) for j in range(q)) for i, row in table)
 
 
 def sampled_statements(
     exosystem: Exosystem, W: Matrix, *, period: Fraction, rate: Fraction | None, regions: Sequence[SpectralRegion]
 ) -> tuple[Statement, ...]:
-    """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks of the z-plane.
-
-    UNDECIDED where an eigenvalue is too close to the border for the enclosure.
-    """
-    polynomial = interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
+    """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED close to a border."""
+    polynomial = exponential.interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
     text = "the sampled error converges: every eigenvalue lies inside the unit disk"
     asked = [("sampled", text, Fraction(0), Interval.point(1))]
     if rate is not None:
@@ -176,9 +156,9 @@ def sampled_statements(
     shown = {"period": number_text(period), "width": f"{float(max(x.width for x in polynomial)):.1e}"}
 
     def state(kind: str, text: str, centre: Fraction, radius: Interval) -> Statement:  # the radius is enclosed as well
-        if interval_routh(disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
+        if exponential.interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:
             return proved(kind, f"{text}.", **shown)
-        if interval_routh(disk_image(polynomial, centre=centre, radius=radius.hi)) is Verdict.REFUTED:
+        if exponential.interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.hi)) is Verdict.REFUTED:
             return refuted(kind, f"it is false that {text}.", **shown)
         return undecided(kind, f"it stays open whether {text}.", **shown)
 
@@ -196,10 +176,7 @@ class StateSpace:
 
 
 def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
-    """The transfer function of one channel, "measurement", "disturbance" or "exosystem", exactly.
-
-    Raises: SpecError for another name.
-    """
+    """The transfer function of one channel, exactly.  Raises: SpecError for a name that is none of CHANNELS."""
     if name not in CHANNELS:
         raise SpecError(f"channel must be one of {', '.join(CHANNELS)}; got {name!r}.", key="channel")
     F, C = error_matrix(exosystem, W), exosystem.C
@@ -211,7 +188,7 @@ def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
 
 def h2_squared(system: StateSpace) -> Fraction | None:
     """The square of the H2 norm, exactly; None if it is infinite (F not Hurwitz or D not 0)."""
-    if any(x for row in system.D for x in row) or decide_hurwitz(system.F).verdict is not Verdict.PROVED:
+    if any(x for row in system.D for x in row) or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED:
         return None
     X = solve_lyapunov(transpose(system.F), multiply(system.B, transpose(system.B)))
     if X is None:  # cannot be for a Hurwitz F
@@ -221,7 +198,7 @@ def h2_squared(system: StateSpace) -> Fraction | None:
 
 def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     """Whether F is Hurwitz and the H-infinity norm is < gamma: exact both ways."""
-    if gamma <= 0 or decide_hurwitz(system.F).verdict is not Verdict.PROVED:
+    if gamma <= 0 or roots.decide_hurwitz(system.F).verdict is not Verdict.PROVED:
         return False
     F, B, C, D = system.F, system.B, system.C, system.D
     room = subtract(scale(gamma * gamma, identity(len(B[0]))), multiply(transpose(D), D))
@@ -234,7 +211,7 @@ def hinf_below(system: StateSpace, gamma: Fraction) -> bool:
     lower = scale(-1, multiply(multiply(transpose(C), inner), C))
     halves = ((closed, upper), (lower, scale(-1, transpose(closed))))
     hamiltonian = tuple(p + s for left, right in halves for p, s in zip(left, right, strict=True))
-    return not has_root_up_to_zero(characteristic_polynomial(hamiltonian)[::2])  # a polynomial in s^2
+    return not roots.has_root_up_to_zero(characteristic_polynomial(hamiltonian)[::2])  # a polynomial in s^2
 
 
 def root_above(square: Fraction) -> float:
@@ -256,9 +233,9 @@ def noise_statement(exosystem: Exosystem, W: Matrix, limit: NoiseLimit) -> State
         exact["h2_squared"] = "infinite" if square is None else number_text(square)
     else:
         holds = hinf_below(system, limit.bound)
-    return (
-        proved("noise", f"{limit}.", **exact) if holds else refuted("noise", f"it is false that the {limit}.", **exact)
-    )
+    if holds:
+        return proved("noise", f"{limit}.", **exact)
+    return refuted("noise", f"it is false that the {limit}.", **exact)
 
 
 def size_above(W: Matrix) -> float:
@@ -267,10 +244,7 @@ def size_above(W: Matrix) -> float:
 
 
 def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> Statement | None:
-    """State |eps(t)| <= k exp(-rate t) |eps(0)| with k = root of upper / lower, if P proves it; None if it does not.
-
-    P >= lower I > 0, P <= upper I, F'P + P F + 2 rate P <= 0: exact.
-    """
+    """|eps(t)| <= root(upper / lower) exp(-rate t) |eps(0)|, if F'P + P F + 2 rate P <= 0 and the bounds of P hold."""
     P, F, q = envelope.P, error_matrix(exosystem, W), exosystem.order
     if envelope.lower <= 0 or not is_symmetric(P):
         return None
@@ -310,10 +284,7 @@ def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, flo
 
 
 def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
-    """A proof that no W meets a request, or None if none was found; for a sampled observer that of detectability alone.
-
-    The kind of the refuted Statement says which part of the request fails: "detectable", "rate", "region" or "noise".
-    """
+    """A proof that no W meets a request, or None; its kind says what fails: detectable, rate, region or noise."""
     found = decide_detectable(exosystem.A, exosystem.C)
     hidden, regions = found.unobservable_text, request.all_regions
     if found.verdict is not Verdict.PROVED:
@@ -335,10 +306,7 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
 
 
 def reduced_exosystem(problem: Problem, *, reduce: bool) -> tuple[Mapping[str, Any], tuple[str, ...], Statement | None]:
-    """The observable part in place of an undetectable exosystem, and its sentence; or why there is no W at all.
-
-    That of one group of agents among several is named, and left to the caller.
-    """
+    """The observable part of an undetectable exosystem as changes, with a sentence; or why there is no W at all."""
     if problem.is_grouped:
         return {}, (), next(_undetectable_groups(problem, reduce=reduce), None)
     check = None if problem.exosystem is None else detectability_check(problem.exosystem, problem)
@@ -362,24 +330,21 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
             continue
         kept = [(key.rpartition(".")[2], value_text(value)) for key, value in check.fix.set.items() if value]
         rest = f" ({'; '.join(f'{name} = {value}' for name, value in kept)})" if kept else ""
-        yield undecided(
-            "detectable",
-            f"{text} Write its observable part in its place{rest}, and design again; that is done by itself only"
-            " where all agents have one exosystem.",
-        )
+        cure = f"Write its observable part in its place{rest}, and design again; that is done by itself only where all"
+        yield undecided("detectable", f"{text} {cure} agents have one exosystem.")
 
 
 def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     """A rate (1/s) that the hidden eigenvalues reach, proved, close to the largest; None if there is none."""
-    if len(polynomial) < 2 or routh(polynomial).verdict is not Verdict.PROVED:
+    if len(polynomial) < 2 or roots.routh(polynomial).verdict is not Verdict.PROVED:
         return None
     low, high = Fraction(0), 1 + sum((abs(x) for x in polynomial), Fraction(0))  # Cauchy's bound
     for _ in range(BISECTIONS):
         middle = (low + high) / 2
-        reached = count_right_half_plane(shifted(polynomial, -middle)) == 0
+        reached = roots.count_right_half_plane(roots.shifted(polynomial, -middle)) == 0
         low, high = (middle, high) if reached else (low, middle)
     short = high.limit_denominator(1000)
-    if short >= low > 0 and count_right_half_plane(shifted(polynomial, -short)) == 0:
+    if short >= low > 0 and roots.count_right_half_plane(roots.shifted(polynomial, -short)) == 0:
         return short
     return low or None
 
@@ -392,21 +357,17 @@ def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | No
     """
     A = observable_reduction(exosystem.A, exosystem.C)[0]
     polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
-    if len(polynomial) < 2 or routh(polynomial).verdict is Verdict.PROVED:
+    if len(polynomial) < 2 or roots.routh(polynomial).verdict is Verdict.PROVED:
         return None
     # If none decays, all eigenvalues count, and one of them is not inside the open disk of the bound.
-    none_decays = count_right_half_plane(reflected(polynomial)) == 0
+    none_decays = roots.count_right_half_plane(roots.reflected(polynomial)) == 0
     for limit in (each for each in request.noise if each.norm == "hinf"):
-        because = ""
+        because, disk = "", Disk(centre=0, radius=limit.bound)
         if limit.channel == "disturbance" and limit.bound <= 1:
             because = "own disturbances exactly, which takes the gain 1"
-        elif limit.channel == "measurement" and none_decays and not _inside_disk(polynomial, limit.bound):
+        elif limit.channel == "measurement" and none_decays and not roots_inside(polynomial, disk)[1]:
             because = "fastest frequency exactly, which takes at least that gain"
         if because:
             text = f"no W makes the {limit}: an estimate that converges follows the exosystem's {because}."
             return refuted("noise", text)
     return None
-
-
-def _inside_disk(polynomial: Coefficients, radius: Fraction) -> bool:
-    return roots_inside(polynomial, Disk(centre=0, radius=radius))[1]

@@ -1,7 +1,6 @@
 """Candidates for an observer gain W and for the P of its envelope, in floating point: nothing here is believed.
 
-W: linear matrix inequalities for (P, Q) with W = P^-1 Q, and Kalman gains, the smallest |W| first, rounded to digits;
-at last exact pole placement.  With M = P A - Q C = P (A - W C) every condition is affine in (P, Q):
+With M = P A - Q C = P (A - W C) every condition is affine in (P, Q), W = P^-1 Q:
 
     Re s <= a      M + M' - 2 a P <= 0                      (Chilali and Gahinet 1996, here and below)
     |s - x| <= r   [[-r P, M - x P], [., -r P]] <= 0
@@ -9,8 +8,8 @@ at last exact pole placement.  With M = P A - Q C = P (A - W C) every condition 
     H-infinity     [[M + M', B, C'], [., -g I, 0], [., ., -g I]] <= 0,  B = Q, or P for an input of the exosystem
     H2             M + M' + C'C <= 0 and [[g^2/m I, Q'], [Q, P]] >= 0, or tr P <= g^2
 
-One P for all of them makes it sufficient, not necessary.  Noise on the measured x is not among them: its output matrix
-C (A - W C) is not affine; Kalman gains from fast to slow are tried for it.
+One P for all of them makes it sufficient, not necessary.  Noise on the measured x is not among them, because its output
+matrix C (A - W C) is not affine; Kalman gains from fast to slow are tried for it.
 """
 
 from __future__ import annotations
@@ -20,19 +19,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import product
 
 import numpy as np
 from scipy import linalg
 
+from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.decide import error_matrix
-from dobc_design.conditions.observer.propose import (
-    half_rate,
-    hinf_norm,
-    kalman_gain,
-    natural_units,
-    placed_gains,
-    transient_peak,
-)
 from dobc_design.exact.matrix import Matrix, scale, to_float, zeros
 from dobc_design.exact.observability import decide_observable, observable_reduction
 from dobc_design.exact.pencil import Pencil, Unknown
@@ -76,18 +69,25 @@ class Plant:
 
 
 def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
-    """Rational W (q, m) and how each came about, for a request that has a rate or leaves it open.
-
-    Never raises for numbers that floats cannot hold: then only the exact placement is left.
-    """
+    """Rational W (q, m) and how each came about; numbers beyond the floats leave only the exact placement."""
     with suppress(*GIVEN_UP):
-        yield from _from_floats(exosystem, make_plant(exosystem, request), request)
+        plant, found = make_plant(exosystem, request), []
+        if not len(plant.A):
+            yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
+        for W, source in _gains(plant, request) if len(plant.A) else ():
+            yield round_matrix(plant.T.T @ W, request.digits), source
+            found.append((W, source))
+        for digits, (W, source) in product(MORE_DIGITS, found[: 2 * len(SLACKS)]):
+            if digits > request.digits:
+                yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
     if request.period is None:  # all observable poles at one real point, in units in which the numbers are near 1
-        point = _inner_point(request)
-        time, output = natural_units(exosystem, rate=abs(point))
+        low, high = common_interval(request.all_regions) or (None, None)
+        high = Fraction(0) if high is None else high
+        point = high - max(Fraction(1), abs(high) / 10) if low is None else (low + high) / 2
+        time, output = propose.natural_units(exosystem, rate=abs(point))
         units = Exosystem(A=scale(1 / time, exosystem.A), C=scale(1 / output, exosystem.C))
-        for W in placed_gains(units, rate=-point / time - 1):
-            yield scale(time / output, W), "exact pole placement"
+        for placed in propose.placed_gains(units, rate=-point / time - 1):
+            yield scale(time / output, placed), "exact pole placement"
 
 
 def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
@@ -98,7 +98,7 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
         period = float(request.period)
         q = len(A)
         block = linalg.expm(np.block([[A, np.eye(q)], [np.zeros((q, 2 * q))]]) * period)  # Van Loan 1978
-        rate = float(request.rate if request.rate is not None else half_rate(A, C, kalman_gain(A, C)))
+        rate = float(request.rate if request.rate is not None else propose.half_rate(A, C, propose.kalman_gain(A, C)))
         A, C = block[:q, :q], C @ block[:q, q:] / period
         radius = Fraction(math.exp(-rate * period))
         regions = (Disk(centre=0, radius=radius.limit_denominator(10**15)), *request.regions)
@@ -109,30 +109,12 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
     return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=request.period is not None)
 
 
-def _from_floats(exosystem: Exosystem, plant: Plant, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
-    if not len(plant.A):
-        yield zeros(exosystem.order, exosystem.outputs), "nothing to correct"
-        return
-    exact: list[tuple[Array, str]] = []
-    for W, source in _gains(plant, request):
-        yield round_matrix(plant.T.T @ W, request.digits), source
-        if len(exact) < 2 * len(SLACKS):
-            exact.append((W, source))
-    for digits in MORE_DIGITS:
-        if digits > request.digits:
-            for W, source in exact:
-                yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
-
-
 def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
     """Gains for the regions with the smallest |W| of what the methods give first; then those for bounds on noise."""
     inequalities = "linear matrix inequalities"
     rates = [Fraction(0)]  # to be added where none was asked: half that of the Kalman gain, then smaller ones
-    if (
-        request.rate is None
-        and not plant.sampled
-        and (rate := half_rate(plant.A, plant.C, kalman_gain(plant.A, plant.C)))
-    ):
+    rate = propose.half_rate(plant.A, plant.C, propose.kalman_gain(plant.A, plant.C))
+    if rate and request.rate is None and not plant.sampled:
         rates = [*(rate / 2**k for k in range(STEPS if request.noise else 1)), Fraction(0)]
     for rate in rates:
         regions = (HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
@@ -146,18 +128,9 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
         quiet = (lmi_gain(plant.A, plant.C, plant.regions, noise=request.noise, slack=slack) for slack in SLACKS)
         yield from ((W, inequalities) for W in quiet if W is not None)
         for ratio in RATIOS:
-            W = kalman_gain(plant.A, plant.C, process=ratio)
+            W = propose.kalman_gain(plant.A, plant.C, process=ratio)
             if W is not None:
                 yield W, f"Kalman gain, process noise {ratio:.3g} times that of the measurement"
-
-
-def _inner_point(request: ObserverRequest) -> Fraction:
-    """A real point of all regions, away from their ends where there is room."""
-    low, high = common_interval(request.all_regions) or (None, None)
-    high = Fraction(0) if high is None else high
-    if low is None:
-        return high - max(Fraction(1), abs(high) / 10)
-    return (low + high) / 2
 
 
 def lmi_gain(
@@ -171,10 +144,7 @@ def lmi_gain(
     q, m = C.shape[1], C.shape[0]
     ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
     time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)), *ends)
-    unknowns = (
-        Unknown(name="P", rows=q, columns=q, symmetric=True),
-        Unknown(name="Q", rows=q, columns=m, symmetric=False),
-    )
+    unknowns = tuple(Unknown(name=name, rows=q, columns=n, symmetric=name == "P") for name, n in (("P", q), ("Q", m)))
 
     def blocks(P: Array, Q: Array) -> list[Array]:
         M = P @ (A / time) - Q @ C
@@ -207,15 +177,12 @@ def _pencils(blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]) 
             if unknown.symmetric:
                 arrays[number][place[2], place[1]] = 1.0
             values[place] = blocks(*arrays)
-    return tuple(
-        Pencil(
-            name="observer",
-            constant=sparse(constant),
-            unknowns=unknowns,
-            coefficients={place: sparse(value[k] - constant) for place, value in values.items()},
-        )
-        for k, constant in enumerate(constants)
-    )
+    result = []
+    for k, constant in enumerate(constants):
+        coefficients = {place: sparse(value[k] - constant) for place, value in values.items()}
+        left = sparse(constant)
+        result.append(Pencil(name="observer", constant=left, unknowns=unknowns, coefficients=coefficients))
+    return tuple(result)
 
 
 def _region_block(M: Array, P: Array, region: SpectralRegion, *, time: float, slack: float) -> Array:
@@ -251,27 +218,23 @@ def kalman_gains(
     A: Array, C: Array, regions: Sequence[SpectralRegion], *, sampled: bool
 ) -> Iterator[tuple[Array, str]]:
     """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay faster."""
-    tried = [(kalman_gain(A, C, sampled=sampled), 1.0, "Kalman gain with unit weights")]
+    tried = [(propose.kalman_gain(A, C, sampled=sampled), 1.0, "Kalman gain with unit weights")]
     if sampled:
         radius = min((float(r.radius) for r in regions if isinstance(r, Disk) and not r.centre), default=1.0)
         for size in (radius * 1.0, radius * 0.95, radius * 0.7):
-            tried.append((kalman_gain(A / size, C, sampled=True), size, "Kalman gain of A / exp(-rate T)"))
+            tried.append((propose.kalman_gain(A / size, C, sampled=True), size, "Kalman gain of A / exp(-rate T)"))
     else:
         common = common_interval(tuple(regions))
         rate = 0.0 if common is None or common[1] is None else -float(common[1])
         for shift in SHIFTS if rate else ():
-            faster = kalman_gain(A + shift * rate * np.eye(len(A)), C)
+            faster = propose.kalman_gain(A + shift * rate * np.eye(len(A)), C)
             tried.append((faster, 1.0, f"Kalman gain of A + {shift:g} rate I"))
     yield from ((size * gain, source) for gain, size, source in tried if gain is not None)
 
 
 def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) -> Iterator[Envelope]:
-    """P with (F + rate I)'P + P (F + rate I) = -I for F = A - W C, rounded, to be tried in turn.
-
-    ``rate`` (1/s): the one asked, else half the decay rate of F; smaller ones follow, because F decays faster than that
-    of an equation.
-    """
-    try:
+    """P with (F + rate I)'P + P (F + rate I) = -I, rounded, for the ``rate`` (None: half that of F) and smaller."""
+    with suppress(*GIVEN_UP):
         F = to_float(error_matrix(exosystem, W))
         decay = float(-np.max(np.linalg.eigvals(F).real))
         wanted = min(float(rate), decay) if rate is not None else decay / 2
@@ -285,8 +248,6 @@ def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) ->
                 if lower > 0:
                     bounds = Fraction(f"{lower:.12g}"), Fraction(f"{upper:.12g}")
                     yield Envelope(P=rounded, rate=exact, lower=bounds[0], upper=bounds[1])
-    except GIVEN_UP:
-        return
 
 
 def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
@@ -296,10 +257,10 @@ def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
         poles = np.linalg.eigvals(F)
         sizes = np.where(np.abs(poles) > 0, np.abs(poles), 1.0)
         result = {"rate": float(-np.max(poles.real)), "damping": float(np.min(-poles.real / sizes))}
-        result["peak"] = transient_peak(F)
+        result["peak"] = propose.transient_peak(F)
         for name in CHANNELS:
             system = channel(exosystem, W, name)
-            result[f"hinf {name}"] = hinf_norm(F, to_float(system.B), to_float(system.C), to_float(system.D))
+            result[f"hinf {name}"] = propose.hinf_norm(F, to_float(system.B), to_float(system.C), to_float(system.D))
     except GIVEN_UP:
         return {}
     return result

@@ -5,7 +5,7 @@ A gain is a proposal until every statement of its request is proved for the rati
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,28 +15,14 @@ from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, join
+from dobc_design.synthesis.observer import decide
 from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, ObserverRequest
-from dobc_design.synthesis.observer.decide import (
-    channel,
-    envelope_statement,
-    gain_statements,
-    h2_squared,
-    largest_hidden_rate,
-    proved_measures,
-    root_above,
-    size_above,
-    why_impossible,
-)
 from dobc_design.synthesis.observer.propose import estimate_observer, propose_envelopes, propose_gains
 from dobc_design.verdict import Verdict
 
 
 def search_groups(groups: Sequence[Group], request: ObserverRequest) -> ObserverDesign:
-    """Decide a request that every group of agents has to meet with a W of its own; one group as it is.
-
-    PROVED if every group is, REFUTED if one is.  The nearest request is met by all groups: the loosest limit of each
-    kind that one of them needs.
-    """
+    """Decide a request that every group has to meet with its own W: REFUTED if one is; one group as it is."""
     found = [search_observer(group.exosystem, request) for group in groups]
     if len(groups) == 1:
         return found[0]
@@ -50,7 +36,10 @@ def search_groups(groups: Sequence[Group], request: ObserverRequest) -> Observer
     known = [design for design in near if design is not None]
     nearest = None
     if len(known) == len(near):
-        loosest = _loosest(request, [design.request for design in known])
+        rates = [each.request.rate for each in known if each.request.rate is not None]
+        limits = zip(*(each.request.noise for each in known), strict=True)
+        noise = tuple(max(each, key=lambda limit: limit.bound) for each in limits)
+        loosest = replace(request, rate=min(rates) if len(rates) == len(known) else None, noise=noise)
         nearest = _side_by_side(names, known, loosest, Verdict.PROVED, "every group meets this request.")
     whole = _side_by_side(names, found, request, verdict, f"group of agent {name}: {worst.reason}")
     return replace(whole, nearest=nearest)
@@ -58,17 +47,22 @@ def search_groups(groups: Sequence[Group], request: ObserverRequest) -> Observer
 
 def search_observer(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
     """Decide a request: PROVED with a W, REFUTED with the reason, or UNDECIDED; with the nearest possible request."""
-    found = _attempt(exosystem, request)
+    found, weaker = _attempt(exosystem, request), None
     if found.verdict is Verdict.PROVED:
         return found
-    for weaker in _weaker(exosystem, request, found):
-        nearest = _attempt(exosystem, weaker)
-        if nearest.verdict is Verdict.PROVED:
-            if request.noise and not weaker.noise:
-                limits = tuple(_reached(exosystem, nearest, limit) for limit in request.noise)
-                nearest = replace(nearest, request=replace(weaker, noise=limits))
-            return replace(found, nearest=nearest)
-    return found
+    kind = found.statements[0].kind if found.statements else None
+    if kind == "rate":
+        rate = decide.largest_hidden_rate(decide_detectable(exosystem.A, exosystem.C).unobservable_polynomial)
+        weaker = None if rate is None else replace(request, rate=rate)
+    elif request.noise and kind != "detectable":
+        weaker = replace(request, noise=())
+    nearest = None if weaker is None else _attempt(exosystem, weaker)
+    if nearest is None or nearest.verdict is not Verdict.PROVED:
+        return found
+    if request.noise and not nearest.request.noise:
+        limits = tuple(_reached(exosystem, nearest, limit) for limit in request.noise)
+        nearest = replace(nearest, request=replace(nearest.request, noise=limits))
+    return replace(found, nearest=nearest)
 
 
 def _side_by_side(
@@ -97,24 +91,13 @@ def _side_by_side(
     )
 
 
-def _loosest(asked: ObserverRequest, requests: Sequence[ObserverRequest]) -> ObserverRequest:
-    """The request that holds whenever one of these does: of the same kind, with the loosest limits."""
-    rates = [each.rate for each in requests if each.rate is not None]
-    limits = zip(*(each.noise for each in requests), strict=True)
-    return replace(
-        asked,
-        rate=min(rates) if len(rates) == len(requests) else None,
-        noise=tuple(max(each, key=lambda limit: limit.bound) for each in limits),
-    )
-
-
 def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
     without = partial(ObserverDesign, request=request, measures={})
-    obstacle = why_impossible(exosystem, request)
+    obstacle = decide.why_impossible(exosystem, request)
     if obstacle is not None:
         return without(verdict=Verdict.REFUTED, reason=obstacle.text, statements=(obstacle,))
     for W, source in propose_gains(exosystem, request):
-        statements = gain_statements(exosystem, W, request)
+        statements = decide.gain_statements(exosystem, W, request)
         if all(statement.verdict is Verdict.PROVED for statement in statements):
             return _proved(exosystem, request, W, source, statements)
     none = "no W was found that does everything that was asked, and no proof that there is none."
@@ -126,14 +109,14 @@ def _proved(
 ) -> ObserverDesign:
     """The design of a W that does what was asked, with a P where one is proved, and with measures."""
     P: Matrix | None = None
-    measures = {"gain": size_above(W)}
+    measures = {"gain": decide.size_above(W)}
     if request.period is None:
         for envelope in propose_envelopes(exosystem, W, request.rate):
-            bound = envelope_statement(exosystem, W, envelope)
+            bound = decide.envelope_statement(exosystem, W, envelope)
             if bound is not None:
                 P, statements = envelope.P, (*statements, bound)
                 break
-        measures = proved_measures(exosystem, W, estimate_observer(exosystem, W))
+        measures = decide.proved_measures(exosystem, W, estimate_observer(exosystem, W))
         if request.rate is not None:  # proved as well, and exact where eigenvalues are hard to estimate
             measures["rate"] = max(measures.get("rate", 0.0), shorten(request.rate))
     return ObserverDesign(
@@ -149,23 +132,12 @@ def _proved(
     )
 
 
-def _weaker(exosystem: Exosystem, request: ObserverRequest, found: ObserverDesign) -> Iterator[ObserverRequest]:
-    """Requests with one thing given up, what is most likely the binding one first."""
-    kind = found.statements[0].kind if found.statements else None
-    if kind == "rate":
-        rate = largest_hidden_rate(decide_detectable(exosystem.A, exosystem.C).unobservable_polynomial)
-        if rate is not None:
-            yield replace(request, rate=rate)
-    elif request.noise and kind != "detectable":
-        yield replace(request, noise=())
-
-
 def _reached(exosystem: Exosystem, found: ObserverDesign, limit: NoiseLimit) -> NoiseLimit:
     """The limit, or what W reaches where that is more."""
     value = found.measures.get(f"{limit.norm} {limit.channel}")
     if limit.norm == "h2" and found.W is not None:
-        square = h2_squared(channel(exosystem, found.W, limit.channel))
-        value = None if square is None else root_above(square)
+        square = decide.h2_squared(decide.channel(exosystem, found.W, limit.channel))
+        value = None if square is None else decide.root_above(square)
     if value is None or claimed(value) < limit.bound:
         return limit
     short = float(f"{value:.6g}")

@@ -23,6 +23,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, check_digits, read_positive
 from dobc_design.verdict import Verdict
 
+Gains = Mapping[int, Fraction]  # or their caps, in 1/s, by agent index
 FEWEST = "fewest"
 POSITIVE = "Give a positive number."
 NOISE = 1e-9  # gains below this part of the largest are left out
@@ -42,7 +43,7 @@ class PinningRequest:
     rate: Fraction
     allowed: tuple[int, ...]
     costs: tuple[Fraction, ...]
-    caps: Mapping[int, Fraction]
+    caps: Gains
     pins: int | str | None
     digits: int
 
@@ -118,12 +119,12 @@ def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> di
     return {_agent(label, index, key=key): read(x, f"{key}.{named(str(label))}") for label, x in value.items()}
 
 
-def cost_of(request: PinningRequest, gains: Mapping[int, Fraction]) -> Fraction:
+def cost_of(request: PinningRequest, gains: Gains) -> Fraction:
     """sum c_i k_i."""
     return sum((request.costs[i] * k for i, k in gains.items()), Fraction(0))
 
 
-def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Mapping[int, Fraction]) -> dict[int, Fraction]:
+def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Gains) -> dict[int, Fraction]:
     """Gains rounded up to so many digits, or their caps where those are less; what is nearly 0 is left out."""
     least = max(gains.values(), default=0.0) * NOISE
     typed = {agent: rounded_up(Fraction(k), digits) for agent, k in sorted(gains.items()) if k > least}
@@ -148,16 +149,8 @@ class Bound:
     rate: Fraction
     vectors: tuple[tuple[str, Vector], ...]
     loads: tuple[Fraction, ...]
-    cap_prices: Mapping[int, Fraction]
+    cap_prices: Gains
     rate_price: Fraction
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Obstacle:
-    """A direction v (n m) of one mode, v'(Lambda0 - 2 K + 2 rate I) v >= 0 for all gains within the limits."""
-
-    mode: str
-    vector: Vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -273,10 +266,7 @@ def without_gains(
 
 
 def prices_in_words(problem: Problem, request: PinningRequest, bound: Bound, agents: Collection[int]) -> Iterator[str]:
-    """What each limit costs, from the exact multipliers: every sentence is a consequence of the lower bound.
-
-    ``agents``: those that may have a gain in the bound.
-    """
+    """What each limit costs, from the exact multipliers; ``agents`` are those that may have a gain in the bound."""
     labels = problem.network.labels
     if not bound.vectors:
         return

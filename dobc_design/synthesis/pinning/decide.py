@@ -2,15 +2,11 @@
 
 Cost: with Lambda0 = J + J', gains k with Lambda0 - 2 K < -2 rate I cost at least
 1/2 sum_r (v_r' Lambda0 v_r + 2 rate v_r' v_r) - sum y_i cap_i for all v_r and y >= 0 with sum_r |v_r,i|^2 <= c_i + y_i
-on allowed agents, y_i = 0 without a cap (weak duality; theory, section 7).  The vectors are proposals; the inequality
-is multiplied out over the rationals.
-
-Count: every set that listens to nobody outside, in one of the modes, needs a pin (theory, section 2).  And if Lambda0 +
-2 rate I >= 0 on a space of dimension d, and fewer than d / m agents are pinned, a direction of it is 0 on all of them.
-
-Rates that nothing reaches, whatever V proves it: M = J - K has no negative entry off its diagonal, so M w >= -r w for a
-w >= 0, w != 0, shows an eigenvalue >= -r (Perron and Frobenius); where w = 0 on agents whose gain has no limit, for all
-their gains.
+on allowed agents, y_i = 0 without a cap (weak duality; theory, section 7): vectors are proposed and multiplied out.
+Count: every set that listens to nobody outside, in one of the modes, needs a pin (theory, section 2); and where
+Lambda0 + 2 rate I >= 0 on a space of dimension d, at least d / m agents need one.  Rates that nothing reaches, whatever
+V proves it: M = J - K has no negative entry off its diagonal, so M w >= -r w for a w >= 0, w != 0, shows an eigenvalue
+>= -r (Perron and Frobenius); where w = 0 on agents whose gain has no limit, for all their gains.
 """
 
 from __future__ import annotations
@@ -19,7 +15,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations
+from itertools import combinations, product
 from math import comb
 from typing import Any
 
@@ -38,7 +34,7 @@ from dobc_design.exact.zmatrix import proves
 from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.claim import Bound, Obstacle, PinningRequest, Structure, rounded_up
+from dobc_design.synthesis.pinning.claim import Bound, Gains, PinningRequest, Structure, rounded_up
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -64,7 +60,7 @@ class Ground:
     lambdas: Mapping[str, Enclosed]
 
 
-def reaches(ground: Ground, gains: Mapping[int, Fraction], rate: Fraction, *, hints: Vectors = ()) -> bool:
+def reaches(ground: Ground, gains: Gains, rate: Fraction, *, hints: Vectors = ()) -> bool:
     """Whether Lambda0 - 2 K < -2 rate I is proved in every mode.  ``hints``: v > 0 that may show it quickly."""
     m = ground.problem.m
     size = ground.problem.n * m
@@ -83,8 +79,8 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
     top = max((abs(x) for _, v in vectors for x in v), default=0.0)
     if not 0 < top < float("inf"):
         return Bound(value=ZERO, rate=rate, vectors=(), loads=(ZERO,) * n, cap_prices={}, rate_price=ZERO)
-    size = Fraction(top)
-    unit = Fraction(2) ** (size.numerator.bit_length() - size.denominator.bit_length() - BITS)
+    largest = Fraction(top)
+    unit = Fraction(2) ** (largest.numerator.bit_length() - largest.denominator.bit_length() - BITS)
     rows = [(mode, [round(Fraction(x) / unit) for x in v]) for mode, v in vectors]
 
     def load_of(agent: int) -> Fraction:
@@ -96,19 +92,23 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
             if i in request.caps:
                 prices[i] = load - request.costs[i]
             else:
-                _shrink(rows, i, m, request.costs[i] / load)
+                part = request.costs[i] / load  # part <= sqrt(part), so that the squares fit
+                for v, row in product((v for _, v in rows), range(i * m, (i + 1) * m)):
+                    size = abs(v[row]) * part.numerator // part.denominator
+                    v[row] = size if v[row] > 0 else -size
                 loads[i] = load_of(i)
     exact = tuple((mode, tuple(x * unit for x in v)) for mode, v in rows)
     squares = sum(loads, ZERO)
     value = sum((ground.lambdas[mode].value(v).lo for mode, v in exact), ZERO) / 2 + rate * squares
     value -= sum((price * request.caps[i] for i, price in prices.items()), ZERO)
-    return Bound(
-        value=max(value, ZERO), rate=rate, vectors=exact, loads=tuple(loads), cap_prices=prices, rate_price=squares
-    )
+    value = max(value, ZERO)
+    return Bound(value=value, rate=rate, vectors=exact, loads=tuple(loads), cap_prices=prices, rate_price=squares)
 
 
-def obstacle_to(ground: Ground, allowed: Collection[int], rate: Fraction, candidates: Vectors = ()) -> Obstacle | None:
-    """A direction that no gains on the ``allowed`` agents hold at this rate, or None if none was found.
+def obstacle_to(
+    ground: Ground, allowed: Collection[int], rate: Fraction, candidates: Vectors = ()
+) -> tuple[str, Vector] | None:
+    """A mode and a direction v (n m) that no gains on the ``allowed`` agents hold: v'(Lambda0 - 2 K + 2 rate I) v >= 0.
 
     Gains with a cap stand at it, which is best; the direction is 0 on agents whose gain has no cap.
     """
@@ -126,7 +126,7 @@ def obstacle_to(ground: Ground, allowed: Collection[int], rate: Fraction, candid
         if vector is None and len(rows) <= LARGEST:
             vector = find_witness(matrix, fitting, rows=rows)
         if vector is not None:
-            return Obstacle(mode=mode, vector=vector)
+            return mode, vector
     return None
 
 
@@ -145,14 +145,6 @@ def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:
     return 0 < top < float("inf") and proves(upper, [round(x / top * 2**HINT_BITS) for x in total])
 
 
-def _shrink(rows: Sequence[tuple[str, list[int]]], agent: int, m: int, part: Fraction) -> None:
-    """Multiply the rows of one agent by ``part`` < 1, towards 0: part <= sqrt(part), so that squares fit."""
-    for _, v in rows:
-        for row in range(agent * m, (agent + 1) * m):
-            size = abs(v[row]) * part.numerator // part.denominator
-            v[row] = size if v[row] > 0 else -size
-
-
 def pins_needed(ground: Ground, rate: Fraction, directions: Vectors) -> int:
     """The largest number of pins that the proposed ``directions`` of one mode prove to be needed; 0 if none."""
     m, least = ground.problem.m, 0
@@ -169,18 +161,17 @@ def _are_slow(enclosed: Enclosed, rate: Fraction, vectors: list[Any]) -> bool:
     """Whether the directions are independent, and v'(Lambda0 + 2 rate I)v >= 0 for all their combinations."""
     columns = np.array([[round(x / max(map(abs, v)) * COARSE) for x in v] for v in vectors], dtype=object).T
     lower = enclosed.middle.shifted(2 * rate - enclosed.radius)
-    common = math.lcm(1, *(x.denominator for x in lower.entries.values()))
+    common = math.lcm(1, *(x.denominator for x in lower.entries.values()))  # integers are quicker
     matrix = np.zeros((lower.size, lower.size), dtype=object)
     for (i, j), value in lower.entries.items():
         matrix[i, j] = matrix[j, i] = int(value * common)
-    independent = decide_positive_definite(_symmetric(columns.T @ columns)).verdict is Verdict.PROVED
-    form = columns.T @ (matrix @ columns)
-    return independent and decide_positive_semidefinite(_symmetric(form)).verdict is Verdict.PROVED
 
+    def symmetric(table: Any) -> SparseSymmetric:
+        return SparseSymmetric.from_dense(tuple(tuple(Fraction(int(x)) for x in row) for row in table))
 
-def _symmetric(table: Any) -> SparseSymmetric:
-    size = len(table)
-    return SparseSymmetric(size, {(i, j): Fraction(int(table[i, j])) for i in range(size) for j in range(i, size)})
+    independent = decide_positive_definite(symmetric(columns.T @ columns)).verdict is Verdict.PROVED
+    form = symmetric(columns.T @ (matrix @ columns))
+    return independent and decide_positive_semidefinite(form).verdict is Verdict.PROVED
 
 
 def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
@@ -189,11 +180,10 @@ def structure_of(problem: Problem, allowed: Collection[int]) -> Structure:
     groups = tuple(sorted(found, key=lambda group: (len(group), group)))
     open_ = [frozenset(group) & frozenset(allowed) for group in groups]
     unmet = next((group for group, left in zip(groups, open_, strict=True) if not left), None)
-    apart = tuple(groups[k] for k in _apart(open_))
-    agents = _fewest(open_, len(apart)) if unmet is None else None
-    least = len(apart) if agents is None else len(agents)
-    exact = agents is not None
-    return Structure(groups=groups, least=least, exact=exact, agents=agents or (), apart=apart, unmet=unmet)
+    own = tuple(groups[k] for k in apart(open_))
+    agents = _fewest(open_, len(own)) if unmet is None else None
+    least, exact = len(own if agents is None else agents), agents is not None
+    return Structure(groups=groups, least=least, exact=exact, agents=agents or (), apart=own, unmet=unmet)
 
 
 def structural_obstacle(problem: Problem, pins: int | str | None, structure: Structure) -> Statement | None:
@@ -218,12 +208,8 @@ def structural_obstacle(problem: Problem, pins: int | str | None, structure: Str
     return None
 
 
-def packing(groups: Sequence[Collection[int]], inside: Collection[int]) -> int:
-    """How many further agents at least meet the groups that ``inside`` does not: groups without a common agent."""
-    return len(_apart([frozenset(group) for group in groups if not set(group) & set(inside)]))
-
-
-def _apart(groups: Sequence[Collection[int]]) -> list[int]:
+def apart(groups: Sequence[Collection[int]]) -> list[int]:
+    """Places of groups without a common agent, the smallest first: each needs a pin of its own."""
     used, kept = set[int](), list[int]()
     for k in sorted(range(len(groups)), key=lambda k: (len(groups[k]), k)):
         if not used & set(groups[k]):
@@ -234,7 +220,7 @@ def _apart(groups: Sequence[Collection[int]]) -> list[int]:
 
 def _fewest(groups: Sequence[frozenset[int]], least: int) -> tuple[int, ...] | None:
     """The smallest set that meets all groups, by search in growing size; None if that was given up."""
-    if len(_apart(groups)) == len(groups):
+    if len(apart(groups)) == len(groups):
         return tuple(sorted(min(group) for group in groups))
     steps = [MOST_STEPS]
     for size in range(least, len(groups) + 1):
@@ -250,7 +236,7 @@ def _of_size(groups: Sequence[frozenset[int]], size: int, steps: list[int]) -> t
     steps[0] -= 1
     if not groups:
         return ()
-    if steps[0] <= 0 or len(_apart(groups)) > size:
+    if steps[0] <= 0 or len(apart(groups)) > size:
         return None
     smallest: frozenset[int] = min(groups, key=len)
     for agent in sorted(smallest):
@@ -271,19 +257,22 @@ class SlowDirection:
 
 
 def slow_direction(
-    jacobians: Jacobians, pinned: Collection[int], caps: Mapping[int, Fraction], propose: Directions
+    jacobians: Jacobians, pinned: Collection[int], caps: Gains, propose: Directions
 ) -> SlowDirection | None:
-    """The proved direction with the lowest limit for scalar gains on the ``pinned`` agents; None without any.
-
-    ``caps``: the largest gain (1/s) of agents that have one.
-    """
+    """The proved direction with the lowest limit for scalar gains on the ``pinned`` agents; None without any."""
     best: SlowDirection | None = None
+    free = set(pinned) - set(caps)
     for mode in jacobians.modes:
         if not mode.is_nonnegative_diagonal:
             continue
-        for component in _components(mode):
+        width = len(mode.gains[0]) if mode.gains else 1
+        alike = all(gain[c][c] == gain[0][0] for gain in mode.gains for c in range(width))
+        for component in range(1 if alike else width):  # one stands for all where h acts by component
             for proposed in propose(mode, component, pinned, caps, size=jacobians.size):
-                w = _nonnegative(proposed, set(pinned) - set(caps))
+                top = max((abs(x) for x in proposed), default=0.0)
+                if not 0 < top < float("inf"):
+                    continue
+                w = tuple(0 if i in free else max(0, round(x / top * FINE)) for i, x in enumerate(proposed))
                 limit = limit_of(mode, component, w, pinned=pinned, caps=caps)
                 if limit is not None and (best is None or limit < best.limit):
                     best = SlowDirection(mode=mode.name, component=component, w=w, limit=limit)
@@ -291,12 +280,9 @@ def slow_direction(
 
 
 def limit_of(
-    mode: ModeJacobian, component: int, w: Sequence[int], *, pinned: Collection[int], caps: Mapping[int, Fraction]
+    mode: ModeJacobian, component: int, w: Sequence[int], *, pinned: Collection[int], caps: Gains
 ) -> Fraction | None:
-    """The rate (1/s) that w shows to be out of reach, above: the largest -(M w)_i / w_i, at least 0; exact.
-
-    None if w shows nothing: it is 0, has a negative entry, or moves an agent whose gain has no limit.
-    """
+    """The rate (1/s) out of reach by w: the largest -(M w)_i / w_i; None if w is 0, not >= 0 or moves a free agent."""
     free = set(pinned) - set(caps)
     if not any(w) or min(w) < 0 or any(w[i] for i in free) or not mode.is_nonnegative_diagonal:
         return None
@@ -315,7 +301,7 @@ def too_fast(
     rate: Fraction,
     *,
     allowed: Sequence[int],
-    caps: Mapping[int, Fraction],
+    caps: Gains,
     pins: int | str | None,
     propose: Directions,
 ) -> Statement | None:
@@ -331,7 +317,7 @@ def too_fast(
     except UndefinedError:
         return None
 
-    def slowest(agents: Sequence[int], caps: Mapping[int, Fraction] = caps) -> SlowDirection | None:
+    def slowest(agents: Sequence[int], caps: Gains = caps) -> SlowDirection | None:
         direction = slow_direction(jacobians, agents, caps, propose)
         return None if direction is None or direction.limit >= rate else direction
 
@@ -372,16 +358,3 @@ def _too_few_pins(
 def _above(limit: Fraction) -> str:
     """At most four digits, not below."""
     return f"{float(rounded_up(limit, 4)):.4g}" if limit else "0"
-
-
-def _components(mode: ModeJacobian) -> range:
-    """State components whose gains differ; one stands for all where h acts by component."""
-    width = len(mode.gains[0]) if mode.gains else 1
-    return range(1 if all(gain[c][c] == gain[0][0] for gain in mode.gains for c in range(width)) else width)
-
-
-def _nonnegative(proposed: Sequence[float], free: Collection[int]) -> tuple[int, ...]:
-    top = max((abs(x) for x in proposed), default=0.0)
-    if not 0 < top < float("inf"):
-        return ()
-    return tuple(0 if i in free else max(0, round(x / top * FINE)) for i, x in enumerate(proposed))

@@ -11,35 +11,27 @@ and a pin takes a rank one away from G.  While the pins do not reach the rate, S
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from itertools import product
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
+from dobc_design.conditions.consensus import pinning as programs
 from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.conditions.consensus.pinning import (
     FEW_ROWS,
-    PROGRAM_ROWS,
     Blocks,
     Optimum,
-    factorised,
-    fastest_rate,
-    for_rate,
-    lowest_on,
-    network_blocks,
-    optimum,
-    smallest_gains,
     solve_program,
     solve_shared,
 )
 from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.claim import PinningRequest
+from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, times agents; agents above which: none
@@ -66,13 +58,10 @@ class PinningProposer:
     _kept: dict[float, Blocks] = field(default_factory=dict)
 
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
-        """Gains (n) of least cost on the ``allowed`` agents, about, and their multipliers.
-
-        None if no gains can do: then the vectors are directions that no allowed gain holds.
-        """
+        """Gains (n) of least cost, about, and their multipliers; without (None) directions that no gains hold."""
         blocks, chosen = self._at(rate), self._mask(allowed)
         if blocks.z:
-            single = [optimum(table, chosen, self.costs, self.caps) for table in blocks.tables]
+            single = [programs.optimum(table, chosen, self.costs, self.caps) for table in blocks.tables]
             known = [each for each in single if each is not None]
             if len(known) < len(single):
                 return None, self._loose(blocks, chosen)
@@ -93,7 +82,7 @@ class PinningProposer:
     def slow(self, rate: float) -> Vectors:
         """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large blocks."""
         blocks = self._at(rate)
-        if blocks.agents * blocks.width > PROGRAM_ROWS * 3:
+        if blocks.agents * blocks.width > programs.PROGRAM_ROWS * 3:
             return []
         pairs = [np.linalg.eigh(table.toarray()) for table in blocks.tables]
         return self._named(blocks, [list(vectors.T[values < -1e-7 * blocks.scale]) for values, vectors in pairs])
@@ -110,48 +99,47 @@ class PinningProposer:
         if blocks.z and blocks.agents > MANY:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
-            return many if many is None or self._cost(many, rate) is not None else None
-        while self._cost(chosen, rate) is None:
+            return None if many is None or self._cost(many, rate) == np.inf else many
+        while self._cost(chosen, rate) == np.inf:
             if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
                 return None
             heavy = self._heaviest(blocks, chosen, free - set(chosen))
-            chosen.append(max(heavy, key=lambda agent: (fastest_rate(blocks, [*chosen, agent]), -agent)))
+            chosen.append(max(heavy, key=lambda agent: (programs.fastest_rate(blocks, [*chosen, agent]), -agent)))
         while pins is not None and len(chosen) < pins and (left := sorted(free - set(chosen))):
             tried = left[:: -(-len(left) // max(1, self._affordable() // pins))]
             costs = {agent: self._cost([*chosen, agent], rate) for agent in tried}
-            chosen.append(min(costs, key=lambda agent: (costs[agent] if costs[agent] is not None else np.inf, agent)))
+            chosen.append(min(costs, key=lambda agent: (costs[agent], agent)))
         return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
 
     def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
         own = self._cost(chosen, rate)
-        if own is None or len(chosen) * len(allowed) > self._affordable():
+        if own == np.inf or len(chosen) * len(allowed) > self._affordable():
             return []
         pairs = product(chosen, sorted(set(allowed) - set(chosen)))
         costs = {(a, b): self._cost([x for x in chosen if x != a] + [b], rate) for a, b in pairs}
-        return [pair for pair, cost in costs.items() if cost is not None and abs(cost - own) <= 1e-6 * own]
+        return [pair for pair, cost in costs.items() if abs(cost - own) <= 1e-6 * own]
 
     def _exchanged(self, chosen: list[int], allowed: Sequence[int], rate: float) -> list[int]:
         cost, better, work = self._cost(chosen, rate), True, 0
-        while better and cost is not None:
+        while better:
             better = False
             for place, other in product(range(len(chosen)), allowed):
                 work += 1
-                if other in chosen or work > self._affordable():
-                    continue
                 trial = [*chosen[:place], other, *chosen[place + 1 :]]
-                value = self._cost(trial, rate)
-                if value is not None and value < cost * (1 - 1e-9):
-                    chosen, cost, better = trial, value, True
+                if other not in chosen and work <= self._affordable():
+                    value = self._cost(trial, rate)
+                    if value < cost * (1 - 1e-9):
+                        chosen, cost, better = trial, value, True
         return chosen
 
     def _affordable(self) -> int:
         """How many closed forms are worth the time."""
         return WORK // len(self.costs) if len(self.costs) <= LARGEST else 0
 
-    def _cost(self, chosen: Collection[int], rate: float) -> float | None:
+    def _cost(self, chosen: Collection[int], rate: float) -> float:
         gains = self.relax(chosen, rate)[0] if chosen else None
-        return None if gains is None else float(self.costs @ np.array(gains))
+        return np.inf if gains is None else float(self.costs @ np.array(gains))
 
     def _hitting(self, allowed: Sequence[int], groups: Sequence[Sequence[int]]) -> list[int]:
         left, chosen = [met for group in groups if (met := set(group) & set(allowed))], list[int]()
@@ -170,7 +158,7 @@ class PinningProposer:
     def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         rows = rows_of(others, blocks.width)
-        vector = min((lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
+        vector = min((programs.lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
         weight = np.zeros(blocks.agents)
         weight[others] = np.max(np.abs(vector.reshape(len(others), blocks.width)), axis=1)
         order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
@@ -179,7 +167,7 @@ class PinningProposer:
     def _at(self, rate: float) -> Blocks:
         if rate not in self._kept:
             self._kept.clear()
-            self._kept[rate] = for_rate(self.blocks, rate)
+            self._kept[rate] = programs.for_rate(self.blocks, rate)
         return self._kept[rate]
 
     def _shared(self, blocks: Blocks, chosen: Array, known: Sequence[Optimum]) -> tuple[list[float] | None, Vectors]:
@@ -209,7 +197,7 @@ class PinningProposer:
                 columns = [_factors(each, z=blocks.z) for each in program.duals]
                 return program.gains.tolist(), self._named(blocks, columns)
         if found is None and not np.any(np.isfinite(self.caps)):
-            gains = smallest_gains(blocks, agents.tolist(), costs=self.costs.tolist())
+            gains = programs.smallest_gains(blocks, agents.tolist(), costs=self.costs.tolist())
             return (None if gains is None else gains.tolist()), []
         return (None, []) if found is None else (found[0].tolist(), found[1])
 
@@ -222,7 +210,7 @@ class PinningProposer:
         held = np.where(chosen & np.isfinite(self.caps), self.caps, 0.0)
         added = sparse.diags_array(np.repeat(2 * held * factor, blocks.width))
         rows = self._free_rows(blocks, chosen)
-        return [lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
+        return [programs.lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
 
     def _loose(self, blocks: Blocks, chosen: Array) -> Vectors:
         """Of every block the direction that allowed gains hold least, zero on the rows of gains without a cap."""
@@ -246,7 +234,7 @@ class PinningProposer:
 
 def make_proposer(problem: Problem, request: PinningRequest) -> PinningProposer | None:
     """The proposer of one problem and request; None if its entries are beyond the floats."""
-    blocks = network_blocks(problem)
+    blocks = programs.network_blocks(problem)
     if blocks is None:
         return None
     caps = np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)])
@@ -266,13 +254,13 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
 def greedy_set(
     blocks: Blocks, chosen: Sequence[int], free: Collection[int], costs: Array, pins: int | None
 ) -> tuple[int, ...] | None:
-    """Agents of ``free`` added to ``chosen`` until the rate of the blocks is reached, or ``pins`` are chosen.
-
-    ``pins`` None: no more than reach it.  None if they do not reach it.  The blocks have to be Z-matrices.
-    """
+    """Agents added until the rate is reached (else None), or ``pins`` are chosen; blocks have to be Z-matrices."""
     found = list(chosen)
     while True:
-        shift = _shift(blocks, found)
+        others = np.setdiff1d(np.arange(blocks.agents), found)
+        lowest = min(programs.lowest_on(table, others)[0] for table in blocks.tables)
+        # What has to be added to S for the pins to hold the others.
+        shift = 0.0 if lowest > 1e-9 * blocks.scale else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
         left = np.array(sorted(set(free) - set(found)), dtype=np.int64)
         room = len(left) if pins is None else min(len(left), pins - len(found))
         if (shift == 0 and pins is None) or room <= 0:
@@ -284,13 +272,6 @@ def greedy_set(
             left = left[left != agent]
             for state in states:
                 state.pin(agent, float(np.sqrt(costs[agent])))
-
-
-def _shift(blocks: Blocks, chosen: Sequence[int]) -> float:
-    """What has to be added to S for the pins to hold the others; 0 if they do."""
-    others = np.setdiff1d(np.arange(blocks.agents), chosen)
-    lowest = min(lowest_on(table, others)[0] for table in blocks.tables)
-    return 0.0 if lowest > 1e-9 * blocks.scale else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
 
 
 def _best(states: Sequence[_State], left: Any, costs: Array) -> int:
@@ -316,7 +297,7 @@ class _State:
         pins = np.array(sorted(chosen), dtype=np.int64)
         others = np.setdiff1d(np.arange(len(costs)), pins)
         rows = matrix[others]
-        self.solve = factorised(rows[:, others])
+        self.solve = programs.factorised(rows[:, others])
         self.diagonal, self.place = matrix.diagonal(), np.full(len(costs), -1)
         self.place[others] = np.arange(len(others))
         self.v = np.sqrt(costs)
@@ -357,13 +338,9 @@ class _State:
 
 
 def slow_directions(
-    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Mapping[int, Fraction], *, size: int
+    mode: ModeJacobian, component: int, pinned: Collection[int], caps: Gains, *, size: int
 ) -> Iterator[list[float]]:
-    """Directions (n) >= 0 worth an exact look: the Perron vector, and the agent alone that is pulled least.
-
-    Gains without a cap hold their agents at 0; the others stand at their cap.  Nothing if nobody is left, or the gains
-    of the arcs are not finite.
-    """
+    """Directions (n) >= 0 worth an exact look: the Perron vector, and the agent alone that is pulled least."""
     slopes = np.array([float(gain[component][component].midpoint) for gain in mode.gains])
     values = slopes[mode.kind] if len(slopes) else np.zeros(0)
     listeners, speakers = mode.arcs.listeners, mode.arcs.speakers

@@ -1,15 +1,14 @@
 """Proposals for gains over a region: the smallest ones with which a max-separable v exists (theory, section 5).
 
-Given v, a pinned agent needs k_i >= rate + (its largest row sum) / (s v_i), and the rows of the others have to hold as
-they are.  The other rows have a least v for every choice of v on the pins; that choice is improved by linear programs
-in log v with a trust region.  Which rates gains on given agents can reach is found by bisection.  Every row has a
-price: one linear solve gives what a faster rate costs and which other agent a gain would help most.  Floating point.
+A pinned agent needs k_i >= rate + (its largest row sum) / (s v_i); the other rows have a least v for every v on the
+pins, which is improved by linear programs in log v with a trust region.  Which rates gains can reach is found by
+bisection; one linear solve gives what a faster rate costs and which other agent a gain would help most.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -25,7 +24,7 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
-from dobc_design.synthesis.pinning.claim import PinningRequest
+from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
 
 HELD = 1e9  # a gain, times the size of the rows, that holds an agent whatever the others do
 FIRST_STEP, LAST_STEP = 0.3, 1e-5  # of log v: the trust region
@@ -73,8 +72,8 @@ def propose_for_box(
 ) -> list[tuple[Vector, Array]]:
     """v (n,), exact with min v = 1, and gains (n,) for it with which the rows hold with ``rate`` for all s in (0, rho].
 
-    The cheapest found; the same v with more and more digits, as long as rounding makes the gains no dearer than their
-    own digits do, and the last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear.
+    The cheapest v with more and more digits, if rounding makes the gains no dearer than their own digits do, and the
+    last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear.
     """
     if rho is not None and rho > LARGEST_RADIUS:
         return []
@@ -95,19 +94,13 @@ def propose_for_box(
     return [each for each in found[:-1] if box.costs @ each[1] <= most] + found[-1:]
 
 
-def box_of(
-    field: Field, agents: Collection[int], caps: Mapping[int, Fraction], *, rate: float, costs: Array | None = None
-) -> Box:
+def box_of(field: Field, agents: Collection[int], caps: Gains, *, rate: float, costs: Array | None = None) -> Box:
     """The rows of ``field`` (whose gains are 0) with gains on these agents; every gain costs 1 without ``costs``."""
     allowed = np.zeros(field.size, dtype=bool)
     allowed[list(agents)] = True
-    return Box(
-        field=field,
-        allowed=allowed,
-        costs=np.ones(field.size) if costs is None else costs,
-        caps=np.array([float(caps.get(i, np.inf)) for i in range(field.size)]),
-        rate=rate,
-    )
+    costs = np.ones(field.size) if costs is None else costs
+    limits = np.array([float(caps.get(i, np.inf)) for i in range(field.size)])
+    return Box(field=field, allowed=allowed, costs=costs, caps=limits, rate=rate)
 
 
 def cheapest(box: Box) -> tuple[Box, Array] | None:
@@ -202,10 +195,7 @@ class RegionGains:
 
 
 class RegionSearch:
-    """One problem (its gains are not looked at), one W (q, m), one region: |e|_inf <= radius, |eps_i| <= disturbance.
-
-    ``radius`` None: near the consensus, as close as need be.
-    """
+    """One problem without its gains, one W (q, m), one region: |e|_inf <= radius, |eps_i| <= disturbance."""
 
     def __init__(self, problem: Problem, W: Matrix | None, *, radius: Fraction, disturbance: Fraction) -> None:
         self.problem, self.W, self.radius, self.disturbance = problem, W, radius, disturbance
@@ -239,18 +229,9 @@ class RegionSearch:
         return replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)]) if coarse else field
 
     def holds(
-        self,
-        pinned: Collection[int],
-        caps: Mapping[int, Fraction],
-        rate: float,
-        *,
-        coarse: bool = False,
-        start: Array | None = None,
+        self, pinned: Collection[int], caps: Gains, rate: float, *, coarse: bool = False, start: Array | None = None
     ) -> Array | None:
-        """The least v >= 1 with the largest gains that are allowed; None if there is none.
-
-        ``start``: the answer for a lower rate, which lies below.
-        """
+        """The least v >= 1 with the largest gains allowed, or None; ``start``: the answer for a lower rate."""
         field = self.field(rate, coarse=coarse)
         if field is None:
             return None
@@ -259,7 +240,7 @@ class RegionSearch:
         v = least_above(replace(field, gains=gains), alpha=rate, lower=np.ones(self.problem.n), start=start)
         return None if v is None or np.max(v) > LARGEST_V else v
 
-    def fastest(self, pinned: Collection[int], caps: Mapping[int, Fraction], *, coarse: bool = False) -> float:
+    def fastest(self, pinned: Collection[int], caps: Gains, *, coarse: bool = False) -> float:
         """The largest rate (1/s), about, with gains on these agents; 0 if none is possible."""
         best = self.holds(pinned, caps, 0.0, coarse=coarse) if pinned else None
         if best is None:
@@ -276,7 +257,7 @@ class RegionSearch:
                 break
         return low
 
-    def smallest(self, pinned: Sequence[int], caps: Mapping[int, Fraction], rate: float) -> RegionGains | None:
+    def smallest(self, pinned: Sequence[int], caps: Gains, rate: float) -> RegionGains | None:
         """The smallest gains found on these agents for a rate (1/s), about; None if the rate is out of reach."""
         field = self.field(rate)
         with np.errstate(all="ignore"):

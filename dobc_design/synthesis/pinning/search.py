@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from dobc_design.conditions.consensus.claim import state_theorems
@@ -38,8 +39,10 @@ from dobc_design.exact.reading import counted, shown_number
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import read_positive
+from dobc_design.synthesis.pinning import decide
 from dobc_design.synthesis.pinning.claim import (
     FEWEST,
+    Gains,
     PinningDesign,
     PinningRequest,
     Structure,
@@ -49,17 +52,7 @@ from dobc_design.synthesis.pinning.claim import (
     typed_gains,
     without_gains,
 )
-from dobc_design.synthesis.pinning.decide import (
-    Ground,
-    bound_from,
-    obstacle_to,
-    packing,
-    pins_needed,
-    reaches,
-    structural_obstacle,
-    structure_of,
-    too_fast,
-)
+from dobc_design.synthesis.pinning.decide import Ground
 from dobc_design.synthesis.pinning.propose import PinningProposer, make_proposer, slow_directions
 from dobc_design.synthesis.pinning.propose_regions import propose_for_box
 from dobc_design.verdict import Verdict
@@ -82,10 +75,7 @@ SMALLEST = Fraction(1, 10**9)  # radius of a box
 
 
 def search_pinning(problem: Problem, request: PinningRequest, progress: Progress) -> PinningDesign:
-    """Decide a request: PROVED with gains, REFUTED with the reason, or UNDECIDED; with the nearest possible request.
-
-    Raises: SpecError for couplings without a derivative at the consensus.
-    """
+    """Decide a request, with the nearest possible one.  Raises: SpecError for couplings without a derivative."""
     bare = changed_problem(problem, {"pinning.gains": None})
     statements = state_theorems(bare)
     proposer = None if statements.inapplicable else make_proposer(bare, request)
@@ -108,8 +98,8 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
 
 def _attempt(ground: Ground, proposer: PinningProposer, progress: Progress) -> PinningDesign:
     request = ground.request
-    structure = structure_of(ground.problem, request.allowed)
-    obstacle = structural_obstacle(ground.problem, request.pins, structure) or _too_fast(ground, proposer)
+    structure = decide.structure_of(ground.problem, request.allowed)
+    obstacle = decide.structural_obstacle(ground.problem, request.pins, structure) or _too_fast(ground, proposer)
     if obstacle is not None:
         return without_gains(ground.request, structure, obstacle)
     choice, statements = None, tuple[Statement, ...]()
@@ -126,19 +116,19 @@ def _too_fast(ground: Ground, proposer: PinningProposer) -> Statement | None:
     """A proof that even gains on all allowed agents, at their caps, do not reach the rate."""
     request = ground.request
     gains, vectors = proposer.relax(request.allowed, float(request.rate))
-    obstacle = None if gains is not None else obstacle_to(ground, request.allowed, request.rate, vectors)
+    obstacle = None if gains is not None else decide.obstacle_to(ground, request.allowed, request.rate, vectors)
     if obstacle is None:
         return None
-    moved = carriers(ground.problem, obstacle.vector)
-    capped = {ground.problem.network.labels[i] for i in set(request.allowed) & set(request.caps)} & set(moved)
-    values = {"v": ", ".join(map(number_text, obstacle.vector))} if len(obstacle.vector) <= LONGEST else {}
-    kind, because = "rate", "moves none of the agents that may be pinned, and decays more slowly by itself"
-    if capped:
-        kind, because = "max_gain", "decays more slowly"
-    even = "even with every gain at its cap " if capped else ""
-    where = f" in mode {obstacle.mode}" if len(ground.lambdas) > 1 else ""
-    text = f"no gains reach the rate {shown_number(request.rate)}{where}: {even}the direction shown {because}. It is"
-    return refuted(kind, f"{text} carried by {name_agents(moved)}.", mode=obstacle.mode, **values)
+    mode, v = obstacle
+    moved = carriers(ground.problem, v)
+    values = {"v": ", ".join(map(number_text, v))} if len(v) <= LONGEST else {}
+    kind = "rate"
+    because = "the direction shown moves none of the agents that may be pinned, and decays more slowly by itself"
+    if {ground.problem.network.labels[i] for i in set(request.allowed) & set(request.caps)} & set(moved):
+        kind, because = "max_gain", "even with every gain at its cap the direction shown decays more slowly"
+    where = f" in mode {mode}" if len(ground.lambdas) > 1 else ""
+    text = f"no gains reach the rate {shown_number(request.rate)}{where}: {because}. It is carried by"
+    return refuted(kind, f"{text} {name_agents(moved)}.", mode=mode, **values)
 
 
 def _chosen(
@@ -146,7 +136,7 @@ def _chosen(
 ) -> tuple[Choice | None, tuple[Statement, ...]]:
     """The agents to pin: at most so many, or the fewest."""
     request, rate, groups = ground.request, float(ground.request.rate), structure.groups
-    needed = max(structure.least, pins_needed(ground, request.rate, proposer.slow(rate)))
+    needed = max(structure.least, decide.pins_needed(ground, request.rate, proposer.slow(rate)))
     if isinstance(request.pins, int):
         if request.pins < needed:
             text = f"{counted(request.pins, 'pin')} cannot do at this rate: at least {needed} are needed. So many"
@@ -178,19 +168,21 @@ def _fewest(pins: int, needed: int) -> Statement:
 
 
 def _designed(
-    ground: Ground,
-    proposer: PinningProposer,
-    structure: Structure,
-    choice: Choice | None,
-    more: tuple[Statement, ...],
+    ground: Ground, proposer: PinningProposer, structure: Structure, choice: Choice | None, more: tuple[Statement, ...]
 ) -> PinningDesign:
     request, labels = ground.request, ground.problem.network.labels
     agents = request.allowed if choice is None or choice.agents is None else choice.agents
-    gains = _proved_gains(ground, proposer, agents)
-    if gains is None:
-        return without_gains(ground.request, structure, None)
+    for tilt in TILTS:  # gains for a rate a little faster, rounded up, that are proved for the rate asked
+        part = max(Fraction(1, 10 ** (request.digits + 2)), Fraction(1, 10**10)) * tilt
+        proposed, vectors = proposer.relax(agents, float(request.rate * (1 + part)))
+        found = {} if proposed is None else {i: proposed[i] for i in agents}
+        gains = typed_gains(found, digits=request.digits, caps=request.caps)
+        if found and decide.reaches(ground, gains, request.rate, hints=vectors):
+            break
+    else:
+        return without_gains(request, structure, None)
     vectors = proposer.relax(agents, float(request.rate))[1]
-    bound = bound_from(ground, vectors, agents, request.rate)
+    bound = decide.bound_from(ground, vectors, agents, request.rate)
     least = bound.value if choice is None else claimed(shorten(choice.bound))
     cost, rate, named = cost_of(request, gains), number_text(request.rate), {labels[i]: k for i, k in gains.items()}
     text = f"Lambda < -2 ({rate}) I in every mode, for the gains as they are written."
@@ -219,28 +211,12 @@ def _designed(
     )
 
 
-def _proved_gains(ground: Ground, proposer: PinningProposer, agents: Sequence[int]) -> dict[int, Fraction] | None:
-    """Gains for a rate a little faster, rounded up, that are proved for the rate asked."""
-    request = ground.request
-    for tilt in TILTS:
-        part = max(Fraction(1, 10 ** (request.digits + 2)), Fraction(1, 10**10)) * tilt
-        gains, vectors = proposer.relax(agents, float(request.rate * (1 + part)))
-        if gains is None:
-            continue
-        rounded = typed_gains({i: gains[i] for i in agents}, digits=request.digits, caps=request.caps)
-        if reaches(ground, rounded, request.rate, hints=vectors):
-            return rounded
-    return None
-
-
 def _ties(ground: Ground, proposer: PinningProposer, chosen: tuple[int, ...], choice: Choice) -> tuple[str, ...]:
     labels = ground.problem.network.labels
     pairs = proposer.replaceable(chosen, ground.request.allowed, float(ground.request.rate))
     others = {agent: [labels[other] for own, other in pairs if own == agent] for agent, _ in pairs}
-    single = [
-        f"In place of agent {labels[agent]}, {name_agents(names)} would cost the same (to six digits)."
-        for agent, names in others.items()
-    ]
+    alike = "would cost the same (to six digits)."
+    single = [f"In place of agent {labels[i]}, {name_agents(names)} {alike}" for i, names in others.items()]
     known = {tuple(sorted({*chosen, other} - {agent})) for agent, other in pairs}
     rest = [name_agents([labels[i] for i in rival]) for rival in choice.rivals if rival not in known]
     if rest:
@@ -257,6 +233,7 @@ class _Node:
     support: tuple[int, ...]  # agents with a gain at the optimum of the node, the largest gain first
 
 
+@dataclass(eq=False)
 class Choice:
     """The cheapest set of at most ``pins`` allowed agents at the rate asked, with a proved bound.
 
@@ -265,26 +242,24 @@ class Choice:
     six digits.  ``start``: a set to begin with.  ``groups``: each needs a pin.
     """
 
-    def __init__(
-        self,
-        ground: Ground,
-        proposer: PinningProposer,
-        progress: Progress,
-        pins: int,
-        groups: Sequence[Sequence[int]],
-        start: Collection[int] | None = None,
-    ) -> None:
-        self.ground, self.proposer, self.pins, self.groups = ground, proposer, pins, groups
-        self.agents: tuple[int, ...] | None = None
-        self.cost = float("inf")
-        self._heap: list[tuple[Fraction, int, _Node]] = []  # open nodes, the lowest bound first
-        self._closed: list[Fraction] = []  # bounds of closed nodes that are not impossible
-        self._nodes = 0
-        self._met: dict[tuple[int, ...], float] = {}
-        if start is not None:
-            self._try_set(start)
+    ground: Ground
+    proposer: PinningProposer
+    progress: Progress
+    pins: int
+    groups: Sequence[Sequence[int]]
+    start: Collection[int] | None = None
+    agents: tuple[int, ...] | None = None
+    cost: float = float("inf")
+    _heap: list[tuple[Fraction, int, _Node]] = field(default_factory=list)  # open nodes, the lowest bound first
+    _closed: list[Fraction] = field(default_factory=list)  # bounds of closed nodes that are not impossible
+    _nodes: int = 0
+    _met: dict[tuple[int, ...], float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.start is not None:
+            self._try_set(self.start)
         self._add(frozenset(), frozenset(), Fraction(0))
-        n = ground.problem.n
+        n = self.ground.problem.n
         most = max(50, WORK // n) if n <= FEW else max(1, MOST_WORK // n**2)
         while self._heap and self._nodes < most:
             node = heapq.heappop(self._heap)[2]
@@ -292,7 +267,7 @@ class Choice:
                 self._closed.append(node.bound)
                 continue
             if self._nodes % REPORTED == 0:
-                progress(f"comparing sets of agents ({self._nodes} parts of the choice so far)")
+                self.progress(f"comparing sets of agents ({self._nodes} parts of the choice so far)")
             agent = next(agent for agent in node.support if agent not in node.inside)
             self._add(node.inside | {agent}, node.outside, node.bound)
             self._add(node.inside, node.outside | {agent}, node.bound)
@@ -330,22 +305,20 @@ class Choice:
                 self.cost, self.agents = cost, agents
 
     def _add(self, inside: frozenset[int], outside: frozenset[int], above: Fraction) -> None:
-        """Open a node with its exact bound, at least that of its parent; or close it.
-
-        It is closed where it is proved impossible, or everything in it is known or not better than the best set.
-        """
+        """Open a node with its exact bound, at least its parent's; or close it: impossible, known, or not better."""
         request, pins = self.ground.request, self.pins
-        if len(inside) + packing([set(group) - outside for group in self.groups], inside) > pins:
+        unmet = [set(group) - outside for group in self.groups if not set(group) & inside]
+        if len(inside) + len(decide.apart(unmet)) > pins:
             return
         self._nodes += 1
         left = inside if len(inside) >= pins else frozenset(request.allowed) - outside
         gains, vectors = self.proposer.relax(left, float(request.rate))
         bound, support = above, tuple[int, ...]()
         if gains is not None:
-            bound = max(above, bound_from(self.ground, vectors, left, request.rate).value)
+            bound = max(above, decide.bound_from(self.ground, vectors, left, request.rate).value)
             kept = [agent for agent in left if gains[agent] > SUPPORT * max(gains)]
             support = tuple(sorted(kept, key=lambda agent: (-gains[agent], agent)))
-        elif obstacle_to(self.ground, left, request.rate, vectors) is not None:
+        elif decide.obstacle_to(self.ground, left, request.rate, vectors) is not None:
             return
         node = _Node(inside=inside, outside=outside, bound=bound, support=support)
         free = [agent for agent in support if agent not in inside]
@@ -361,10 +334,7 @@ class Choice:
 
 
 def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iterator[PinningRequest]:
-    """Requests with one thing given up as far as needed, what is binding first.
-
-    ``kind``: what the refutation is about, "structure", "pins", "max_gain" or "rate"; None if nothing was refuted.
-    """
+    """Requests with one thing given up as far as needed, first what the refutation is about (``kind``)."""
     request = ground.request
     if kind == "structure":
         request = replace(request, allowed=with_lacking(ground.problem, request.allowed))
@@ -391,7 +361,7 @@ def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iter
 
 def with_lacking(problem: Problem, allowed: Sequence[int]) -> tuple[int, ...]:
     """The ``allowed`` agents, and all of every group that has none of them."""
-    groups = structure_of(problem, allowed).groups
+    groups = decide.structure_of(problem, allowed).groups
     return tuple(sorted({*allowed, *(i for group in groups if not set(allowed) & set(group) for i in group)}))
 
 
@@ -414,20 +384,8 @@ class Region:
         return f"|e_i| <= {shown_number(self.radius)}{errors}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoxGains:
-    """Gains (1/s, by agent index) and the certificate that is PROVED for the ``problem`` with them."""
-
-    gains: Mapping[int, Fraction]
-    certificate: Separable
-    problem: Problem
-
-
 def search_region(problem: Problem, request: PinningRequest, region: Any) -> PinningDesign:
-    """Decide a request over a region: PROVED with gains, REFUTED with the reason, or UNDECIDED; with a slower one.
-
-    ``region``: a radius, or True for the [region] of the problem.  Raises: SpecError for another one.
-    """
+    """Decide a request over a radius, or [region] (True); with a slower one.  Raises: SpecError for another region."""
     if region is True:
         asked = _file_region(problem, request)
     else:
@@ -464,39 +422,45 @@ def _file_region(problem: Problem, request: PinningRequest) -> Region:
 
 
 def _region_attempt(problem: Problem, request: PinningRequest, asked: Region) -> PinningDesign:
-    structure = structure_of(problem, request.allowed)
+    structure, most = decide.structure_of(problem, request.allowed), request.pins
     bare = changed_problem(problem, {"pinning.gains": None})
-    limits: dict[str, Any] = {"allowed": request.allowed, "caps": request.caps, "pins": request.pins}
-    obstacle = structural_obstacle(problem, request.pins, structure) or _unordered(bare, request)
-    obstacle = obstacle or too_fast(problem, request.rate, **limits, propose=slow_directions)
-    found = obstacle or _on(bare, request, asked, request.allowed)
-    if isinstance(found, Statement):
-        return without_gains(request, structure, found, radius=asked.radius)
-    most = request.pins
-    if most is None or (most != FEWEST and len(found.gains) <= int(most)):
-        return _region_design(request, asked, found, structure)
+    limits: dict[str, Any] = {"allowed": request.allowed, "caps": request.caps, "pins": most}
+    obstacle = decide.structural_obstacle(problem, most, structure) or _unordered(bare, request)
+    obstacle = obstacle or decide.too_fast(problem, request.rate, **limits, propose=slow_directions)
+    if obstacle is not None:
+        return without_gains(request, structure, obstacle, radius=asked.radius)
+    found = _on(bare, request, asked, structure, request.allowed)
+    if found.verdict is not Verdict.PROVED or most is None or (most != FEWEST and len(found.gains) <= int(most)):
+        return found
+
+    def on_heaviest(pins: int) -> PinningDesign:
+        """On the agents that carry most of the gains without the limit; each group needs one."""
+        gains = [found.gains.get(label, 0) for label in bare.network.labels]
+        order = sorted(request.allowed, key=lambda i: (-gains[i], i))
+        chosen: list[int] = []
+        for group in (*structure.groups, *([i] for i in order)):
+            if not set(group) & set(chosen):
+                chosen.append(next(i for i in order if i in group))
+        return _on(bare, request, asked, structure, chosen[:pins])
+
     if most != FEWEST:
-        fewer = _on(bare, request, asked, _heaviest(found, request, structure.groups, int(most)))
-        if isinstance(fewer, BoxGains):
-            return _region_design(request, asked, fewer, structure)
+        fewer = on_heaviest(int(most))
         text = f"no {most} of the allowed agents were found with which the certificate reaches the rate"
         text += f" {shown_number(request.rate)} over the region; {len(found.gains)} agents do."
-        return without_gains(request, structure, undecided("pins", text), radius=asked.radius)
-    low, high, least = max(1, structure.least), len(found.gains), str(structure.least)
-    while low < high:
-        middle = (low + high) // 2
-        fewer = _on(bare, request, asked, _heaviest(found, request, structure.groups, middle))
-        if isinstance(fewer, Statement):
-            low = middle + 1
-        else:
-            found, high = fewer, len(fewer.gains)
+        none = without_gains(request, structure, undecided("pins", text), radius=asked.radius)
+        return fewer if fewer.verdict is Verdict.PROVED else none
+    low, least = max(1, structure.least), str(structure.least)
+    while low < len(found.gains):
+        middle = (low + len(found.gains)) // 2
+        fewer = on_heaviest(middle)
+        low, found = (low, fewer) if fewer.verdict is Verdict.PROVED else (middle + 1, found)
     pins = len(found.gains)
     if pins <= max(1, structure.least):
         fewest = proved("pins", f"No fewer than {counted(pins, 'pinned agent')} can do.", least=least)
     else:
         text = f"{pins} pinned agents do; at least {least} are needed, and fewer than {pins} were not found."
         fewest = undecided("pins", text, least=least)
-    return _region_design(request, asked, found, structure, fewest)
+    return replace(found, statements=(*found.statements, fewest))
 
 
 def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
@@ -515,83 +479,62 @@ def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
     return refuted("ordering", text, agents=", ".join(labels[i] for i in ordering.stuck[:50]))
 
 
-def _on(bare: Problem, request: PinningRequest, asked: Region, agents: Sequence[int]) -> BoxGains | Statement:
-    """Gains on these agents with the whole certificate of the region, or why not."""
-    found = gains_for_box(bare, replace(request, allowed=tuple(sorted(agents))), rho=asked.rho)
-    if isinstance(found, Statement):
-        return found
-    certificate = replace(found.certificate, error=asked.error)
-    wrong = ""
-    if asked.error is not None:
-        decided = verify_composite(found.problem, asked.W, certificate)
-        wrong = "" if decided.verdict is Verdict.PROVED else f": {decided.reason}"
-    reaches = covers(certificate, radius=asked.radius, disturbance=asked.disturbance)
-    if wrong or not reaches or composite_rate(certificate) < request.rate:
-        return undecided("observer", f"the observer's part is not proved{wrong or '.'}")
-    return replace(found, certificate=certificate)
-
-
-def gains_for_box(bare: Problem, request: PinningRequest, *, rho: Fraction | None) -> BoxGains | Statement:
-    """Cheap gains on the allowed agents of a problem without gains, with a max-separable certificate of the box rho.
-
-    It decays at ``request.rate`` for all s in (0, rho] (None: linear couplings, every s), for every switching among the
-    modes.  Returns: an UNDECIDED Statement where none were found.
-    """
+def _on(
+    bare: Problem, request: PinningRequest, asked: Region, structure: Structure, agents: Sequence[int]
+) -> PinningDesign:
+    """Cheap gains on these agents with a certificate of the whole region, for every switching; or why not."""
+    without = partial(without_gains, request, structure, radius=asked.radius)
     if not acts_by_component(bare):
         text = "does not apply: the max-separable certificate is for couplings that act on each state component by"
-        return undecided("method", f"{text} itself.")
+        return without(undecided("method", f"{text} itself."))
     try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
-        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=rho)
+        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=asked.rho)
     except UndefinedError as error:
-        return undecided("method", f"does not apply: {error}")
-    labels = bare.network.labels
+        return without(undecided("method", f"does not apply: {error}"))
+    labels, limited = bare.network.labels, replace(request, allowed=tuple(sorted(agents)))
     for tilt in BOX_TILTS:
-        for v, proposed in propose_for_box(bare, request, rho=rho, rate=float(request.rate * (1 + tilt))):
+        for v, proposed in propose_for_box(bare, limited, rho=asked.rho, rate=float(request.rate * (1 + tilt))):
             gains = typed_gains(dict(enumerate(proposed.tolist())), digits=request.digits, caps=request.caps)
             held = changed_problem(bare, {"pinning.gains": {labels[i]: k for i, k in gains.items()}})
-            claim = Separable(v=v, alpha=request.rate, rho=rho)
+            claim = Separable(v=v, alpha=request.rate, rho=asked.rho)
             if gains and verify_separable(held, claim).verdict is Verdict.PROVED:
-                return BoxGains(gains=gains, certificate=claim, problem=held)
-    where = "" if rho is None else f" over |e_i| <= {shown_number(rho)}"
-    return undecided(
-        "gains",
-        "no gains on the allowed agents were found with which the max-separable certificate reaches the rate"
-        f" {shown_number(request.rate)}{where}, and no proof that there are none.",
-    )
+                return _covered(request, asked, structure, gains, held, replace(claim, error=asked.error))
+    where = "" if asked.rho is None else f" over |e_i| <= {shown_number(asked.rho)}"
+    text = "no gains on the allowed agents were found with which the max-separable certificate reaches the rate"
+    text += f" {shown_number(request.rate)}{where}, and no proof that there are none."
+    return without(undecided("gains", text))
 
 
-def _heaviest(found: BoxGains, request: PinningRequest, groups: Sequence[Sequence[int]], pins: int) -> tuple[int, ...]:
-    """The agents that carry most of the gains without the limit; each group needs one."""
-    order = sorted(request.allowed, key=lambda i: (-found.gains.get(i, 0), i))
-    chosen: list[int] = []
-    for group in groups:
-        if not set(group) & set(chosen):
-            chosen.append(next(i for i in order if i in group))
-    return tuple((chosen + [i for i in order if i not in chosen])[:pins])
-
-
-def _region_design(
-    request: PinningRequest, asked: Region, found: BoxGains, structure: Structure, *more: Statement
+def _covered(
+    request: PinningRequest, asked: Region, structure: Structure, gains: Gains, held: Problem, claim: Separable
 ) -> PinningDesign:
-    labels = found.problem.network.labels
-    gains, cost = {labels[i]: k for i, k in found.gains.items()}, cost_of(request, found.gains)
-    weights = f"max_i |e_i|/v_i (v from 1 to {float(max(found.certificate.v)):.4g})"
-    errors = "" if asked.error is None else " plus the observer's part"
+    """The design whose rows are proved, if the observer's part is as well and the box holds the region."""
+    wrong = ""
+    if asked.error is not None:
+        decided = verify_composite(held, asked.W, claim)
+        wrong = "" if decided.verdict is Verdict.PROVED else f": {decided.reason}"
+    reaches = covers(claim, radius=asked.radius, disturbance=asked.disturbance)
+    if wrong or not reaches or composite_rate(claim) < request.rate:
+        obstacle = undecided("observer", f"the observer's part is not proved{wrong or '.'}")
+        return without_gains(request, structure, obstacle, radius=asked.radius)
+    labels, cost = held.network.labels, cost_of(request, gains)
+    named = {labels[i]: k for i, k in gains.items()}
+    part = " plus the observer's part" if asked.error is not None else ""
     still = ", with eps = 0" if asked.error is None else ""
     rate, radius = number_text(request.rate), number_text(asked.radius)
-    text = f"{weights}{errors} decays from every start {asked}{still}, at the rate {rate}, for the gains as they are"
-    reached = proved("region", f"{text} written.", rate=rate, radius=radius)
+    text = f"max_i |e_i|/v_i (v from 1 to {float(max(claim.v)):.4g}){part} decays from every start {asked}{still}, at"
+    text += f" the rate {rate}, for the gains as they are written."
     return PinningDesign(
         verdict=Verdict.PROVED,
         request=request,
-        gains=gains,
+        gains=named,
         rate=request.rate,
         cost=cost,
         structural_minimum=structure.least if structure.exact else None,
-        statements=(reached, *more),
-        problem=found.problem,
-        certificate=found.certificate,
+        statements=(proved("region", text, rate=rate, radius=radius),),
+        problem=held,
+        certificate=claim,
         radius=asked.radius,
-        reason=f"gains on {name_agents(tuple(gains))} reach the rate {shown_number(request.rate)} over {asked} at the"
+        reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)} over {asked} at the"
         f" cost {float(cost):.6g}.",
     )

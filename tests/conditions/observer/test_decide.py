@@ -13,25 +13,20 @@ from random_problems import random_problem
 from dobc_design.conditions.consensus.network import name_agents, reachability_check
 from dobc_design.conditions.observer.decide import (
     detectability_check,
+    error_matrix,
     hurwitz_check,
     hurwitz_with_rate,
     observability_check,
     observable_part_is_hurwitz,
 )
-from dobc_design.exact.matrix import multiply, subtract
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 
 
-def with_exosystem(count):
-    found = (random_problem(seed) for seed in range(1000, 1400))
-    return list(islice((problem for problem in found if problem.exosystem is not None), count))
-
-
-PROBLEMS: list[Problem] = with_exosystem(100)
+DRAWN = (random_problem(seed) for seed in range(1000, 1400))
+PROBLEMS = list(islice((problem for problem in DRAWN if problem.exosystem is not None), 100))
 
 
 def test_verdicts_agree_with_sympy_and_lyapunov():
@@ -87,11 +82,9 @@ def test_a_defective_error_on_the_axis_is_refuted():
 
 
 def test_without_a_gain_it_says_whether_one_exists():
-    hidden, free = Exosystem(A=[[0]], C=[[0]]), Exosystem(A=[[0]], C=[[1]])
-    assert "none exists" in hurwitz_check(hidden, None).reason
-    assert hurwitz_check(hidden, None).fix.set == {"exosystem": None}
-    assert "none was found" in hurwitz_check(free, None).reason
-    assert hurwitz_check(free, None).fix is None
+    hidden, free = (hurwitz_check(Exosystem(A=[[0]], C=[[c]]), None) for c in (0, 1))
+    assert "none exists" in hidden.reason and hidden.fix.set == {"exosystem": None}
+    assert "none was found" in free.reason and free.fix is None
 
 
 def test_rates_of_random_gains_lie_below_the_spectrum():
@@ -103,8 +96,7 @@ def test_rates_of_random_gains_lie_below_the_spectrum():
         decay = -np.linalg.eigvals(A - np.array(W, dtype=float) @ C).real.max()
         check = hurwitz_check(problem.exosystem, W, estimate=float(decay))
         if check.rate is not None:
-            error = subtract(problem.exosystem.A, multiply(W, problem.exosystem.C))
-            assert hurwitz_with_rate(error, Fraction(repr(check.rate)))
+            assert hurwitz_with_rate(error_matrix(problem.exosystem, W), Fraction(repr(check.rate)))
             assert check.rate <= decay * (1 + 1e-6)
 
 

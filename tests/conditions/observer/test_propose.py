@@ -12,6 +12,7 @@ from certified import certified
 
 import dobc_design as dd
 from dobc_design.conditions.observer import propose
+from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.observer.propose import (
     decimal_exponent,
     design_gain,
@@ -20,11 +21,23 @@ from dobc_design.conditions.observer.propose import (
     propose_pairs,
     scaled_exosystem,
 )
-from dobc_design.exact.matrix import add, identity, is_symmetric, multiply, scale, subtract, to_float
+from dobc_design.exact.matrix import add, identity, is_symmetric, multiply, scale, to_float
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.verdict import Verdict
+
+
+def reaches(exosystem: Exosystem, W, rate: Fraction) -> bool:
+    """Routh's test of A - WC + rate I."""
+    error = error_matrix(exosystem, W)
+    return decide_hurwitz(add(error, scale(rate, identity(exosystem.order)))).verdict is Verdict.PROVED
+
+
+CONSTANT = Exosystem(A=[[0]], C=[[1]])
+RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
+HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+STANDARD = {"constant": CONSTANT, "ramp": RAMP, "harmonic": HARMONIC}
 
 
 def random_exosystem(seed: int) -> Exosystem:
@@ -35,24 +48,23 @@ def random_exosystem(seed: int) -> Exosystem:
     return Exosystem(A=A, C=[[r.randint(-1, 1) * (r.random() < 0.5) for _ in range(q)] for _ in range(m)])
 
 
-@pytest.mark.parametrize("seed", [pytest.param(k, marks=pytest.mark.slow if k == 19 else ()) for k in range(60)])
+@pytest.mark.parametrize("seed", [k for k in range(60) if k != 19])  # 19 takes long
 def test_a_detectable_pair_has_a_placed_gain_and_an_undetectable_one_has_none(seed: int):
     """Theory, section 2: some W makes A - WC Hurwitz iff (A, C) is detectable."""
     exosystem = random_exosystem(seed)
     *_, W = placed_gains(exosystem, rate=Fraction(0))
-    found = decide_hurwitz(subtract(exosystem.A, multiply(W, exosystem.C))).verdict
-    assert found is decide_detectable(exosystem.A, exosystem.C).verdict
-    assert (design_gain(exosystem).W is not None) == (found is Verdict.PROVED)
+    detectable = decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED
+    assert reaches(exosystem, W, Fraction(0)) is detectable
+    found = design_gain(exosystem)
+    assert (found.W is not None) is detectable
+    assert not detectable or reaches(exosystem, found.W, found.rate)
 
 
 def test_all_poles_stand_at_one_place():
-    """One output, all observable: det(sI - A + WC) = (s + 3)^4 for the rate 2."""
+    """One output, all observable: det(sI - A + WC) = (s + 3)^4 for the rate 2.  Where C sees nothing, W is 0."""
     chain = Exosystem(A=[[0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0]], C=[[1, 0, 0, 0]])
     *_, W = placed_gains(chain, rate=Fraction(2))
-    assert characteristic_polynomial(subtract(chain.A, multiply(W, chain.C))) == (1, 12, 54, 108, 81)
-
-
-def test_where_c_sees_nothing_the_gain_is_zero():
+    assert characteristic_polynomial(error_matrix(chain, W)) == (1, 12, 54, 108, 81)
     *_, W = placed_gains(Exosystem(A=[[-1]], C=[[0]]), rate=Fraction(0))
     assert W == ((0,),)
 
@@ -80,8 +92,8 @@ def test_a_gain_that_does_not_work_gets_no_pair_that_does(harmonic):
     assert list(propose_pairs(harmonic, zero, bound=-0.5, decay=0.0)) == []
 
 
-@pytest.mark.parametrize("pins", [{1: "1/1000000"}, {1: "1/1000"}, {1: 1}, {1: 10**6}])
-@pytest.mark.parametrize("factor", ["1/10000", "1/100", "1", "100", "10000"])
+@pytest.mark.parametrize("pins", [{1: "1/1000000"}, {1: 1}, {1: 10**6}])
+@pytest.mark.parametrize("factor", ["1/10000", "1", "10000"])
 def test_wherever_lambda_is_negative_the_theorem_is_proved(cycle, pins, factor):
     """The Decision theorem, for margins of Lambda from 1e-7 up and exosystems scaled from 1e-4 to 1e4."""
     exosystem = Exosystem(A=[[0, Fraction(factor)], [-Fraction(factor), 0]], C=[[factor, 0]])
@@ -93,11 +105,8 @@ def test_wherever_lambda_is_negative_the_theorem_is_proved(cycle, pins, factor):
 
 @pytest.mark.parametrize("m", [2, 3])
 def test_several_components_are_proved_together(cycle, m):
-    A = [[0] * (2 * m) for _ in range(2 * m)]
-    for i in range(m):
-        A[2 * i][2 * i + 1], A[2 * i + 1][2 * i] = i + 1, -i - 1
     C = [[int(j == 2 * i) for j in range(2 * m)] for i in range(m)]
-    problem = cycle(3, exosystem=Exosystem(A=A, C=C), coupling="tanh(y)")
+    problem = cycle(3, exosystem=Exosystem(A=harmonics(*range(1, m + 1)).A, C=C), coupling="tanh(y)")
     certificate = dd.certify(problem)
     assert certificate.verdict is Verdict.PROVED
     assert dd.verify(certificate, problem).holds
@@ -110,16 +119,6 @@ def test_a_state_that_c_does_not_see_stays_in_p(cycle):
     assert certificate.check("theorem1").verdict is Verdict.PROVED
 
 
-def test_eight_exosystem_states_are_proved(cycle):
-    q = 8
-    A = [[0] * q for _ in range(q)]
-    for k in range(4):
-        A[2 * k][2 * k + 1], A[2 * k + 1][2 * k] = k + 1, -k - 1
-    exosystem = Exosystem(A=A, C=[[1, 0] * 4])
-    assert design_gain(exosystem).W is not None
-    assert dd.certify(cycle(3, exosystem=exosystem)).check("theorem1").verdict is Verdict.PROVED
-
-
 @pytest.mark.parametrize(("digits", "exact"), [(20, True), (80, False)])
 def test_no_exact_equation_is_solved_that_would_take_hours(digits, exact, monkeypatch):
     """36 unknowns, times the bits of a common denominator of 64 numbers: about 150 000 and 610 000."""
@@ -129,18 +128,6 @@ def test_no_exact_equation_is_solved_that_would_take_hours(digits, exact, monkey
     pairs = list(propose_pairs(Exosystem(A=A, C=[[1] * 8]), ((Fraction(0),),) * 8, bound=math.nan, decay=1.0))
     assert pairs == []
     assert bool(asked) is exact
-
-
-CONSTANT = Exosystem(A=[[0]], C=[[1]])
-RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
-HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-STANDARD = {"constant": CONSTANT, "ramp": RAMP, "harmonic": HARMONIC}
-
-
-def reaches(exosystem: Exosystem, W, rate: Fraction) -> bool:
-    """Routh's test of A - WC + rate I."""
-    error = subtract(exosystem.A, multiply(W, exosystem.C))
-    return decide_hurwitz(add(error, scale(rate, identity(exosystem.order)))).verdict is Verdict.PROVED
 
 
 def harmonics(*frequencies, outputs=((1, 0),)) -> Exosystem:
@@ -164,6 +151,9 @@ def test_the_default_is_half_the_rate_of_the_kalman_gain(name):
     assert float(found.rate) == pytest.approx(-np.max(poles.real) / 2, rel=6e-3)
     assert reaches(exosystem, found.W, found.rate)
     assert "half that of the Kalman gain" in found.note
+    for x in (x for row in found.W for x in row):  # at most three significant digits, decimal fractions
+        assert 10**6 % x.denominator == 0
+        assert len(str(abs(x.numerator)).rstrip("0")) <= 3
 
 
 @pytest.mark.parametrize("name", STANDARD)
@@ -176,16 +166,7 @@ def test_the_rate_asked_is_reached_exactly(name, rate):
 
 
 @pytest.mark.parametrize("name", STANDARD)
-def test_the_gain_can_be_read(name):
-    """At most three significant digits, decimal fractions."""
-    for row in design_gain(STANDARD[name]).W:
-        for x in row:
-            assert 10**6 % x.denominator == 0
-            assert len(str(abs(x.numerator)).rstrip("0")) <= 3
-
-
-@pytest.mark.parametrize("name", STANDARD)
-@pytest.mark.parametrize("factor", ["1/10000", "1/100", "100", "10000", "1/1000000", "1000000"])
+@pytest.mark.parametrize("factor", ["1/100", "10000", "1/1000000", "1000000"])
 @pytest.mark.parametrize("what", ["A", "C", "both"])
 def test_badly_scaled_exosystems_get_a_gain(name, factor, what):
     one = Fraction(1)
@@ -221,6 +202,7 @@ def test_badly_scaled_exosystems_get_a_gain(name, factor, what):
 def test_hard_pairs_get_a_gain(exosystem):
     found = design_gain(exosystem)
     assert reaches(exosystem, found.W, found.rate)
+    assert design_gain(exosystem) == found
 
 
 @pytest.mark.parametrize("number", ["1e399", "1e200", "1e-200", "1e-399"])
@@ -246,45 +228,17 @@ def test_a_rate_beyond_what_is_hidden_from_c_is_said_and_given_up():
         assert found.rate == Fraction(1, 2)
         assert reaches(exosystem, found.W, found.rate)
     found = design_gain(exosystem, rate=Fraction(99, 100))
-    assert found.rate == Fraction(99, 100)
-    assert reaches(exosystem, found.W, Fraction(99, 100))
+    assert found.rate == Fraction(99, 100) and reaches(exosystem, found.W, found.rate)
 
 
 @pytest.mark.parametrize(
-    ("A", "C"),
-    [
-        ([[0]], [[0]]),
-        ([[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 2], [0, 0, -2, 0]], [[1, 0, 1, 0]]),
-        ([[1, 0], [0, -1]], [[0, 1]]),
-    ],
+    "exosystem", [Exosystem(A=[[0]], C=[[0]]), harmonics(2, 2), Exosystem(A=[[1, 0], [0, -1]], C=[[0, 1]])]
 )
-def test_an_undetectable_pair_has_no_gain(A, C):
+def test_an_undetectable_pair_has_no_gain(exosystem):
     """Theory, known answers: A = [0], C = [0], and two equal oscillators seen as one."""
-    found = design_gain(Exosystem(A=A, C=C), rate=Fraction(1))
-    assert found.W is None
-    assert found.rate is None
+    found = design_gain(exosystem, rate=Fraction(1))
+    assert (found.W, found.rate) == (None, None)
     assert "not detectable" in found.note
-
-
-@pytest.mark.parametrize("seed", range(60))
-def test_random_detectable_pairs_get_a_gain(seed):
-    r = Random(seed)
-    q, m = r.randint(1, 8), r.choice((1, 2, 3))
-    size = r.choice((Fraction(1), Fraction(1, 100), Fraction(100)))
-    A = [[size * r.randint(-3, 3) if r.random() < 0.6 else 0 for _ in range(q)] for _ in range(q)]
-    C = [[r.choice((0, 1, -1, 2)) for _ in range(q)] for _ in range(m)]
-    exosystem = Exosystem(A=A, C=C)
-    found = design_gain(exosystem)
-    if decide_detectable(exosystem.A, exosystem.C).verdict is Verdict.PROVED:
-        assert found.W is not None
-        assert (len(found.W), len(found.W[0])) == (q, m)
-        assert reaches(exosystem, found.W, found.rate)
-    else:
-        assert found.W is None
-
-
-def test_the_same_pair_gets_the_same_gain():
-    assert design_gain(harmonics(1, 2)) == design_gain(harmonics(1, 2))
 
 
 def test_units_turn_a_gain_back_exactly():
@@ -294,10 +248,8 @@ def test_units_turn_a_gain_back_exactly():
     units = scaled_exosystem(exosystem, time=Fraction(1000), output=Fraction(1, 1024))
     assert (float(time), float(output)) == pytest.approx((1e4, 1e-3), rel=0.95)
     W1 = ((Fraction(3),), (Fraction(1),))
-    W = scale(units.gain, W1)
-    left = subtract(exosystem.A, multiply(W, exosystem.C))
-    right = scale(units.time, subtract(units.exosystem.A, multiply(W1, units.exosystem.C)))
-    assert left == right
+    whole = error_matrix(exosystem, scale(units.gain, W1))
+    assert whole == scale(units.time, error_matrix(units.exosystem, W1))
 
 
 @pytest.mark.parametrize(("x", "exponent"), [("1", 0), ("1000", 3), ("1e-6", -6), ("3e250", 250), ("1e-399", -399)])

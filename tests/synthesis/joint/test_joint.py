@@ -5,15 +5,12 @@ from __future__ import annotations
 from fractions import Fraction
 from itertools import combinations
 
-import numpy as np
 import pytest
-from small_designs import BOX, CONSTANT, HIDDEN, NOISY_BOX, ring, star, two_leaders
+from small_designs import BOX, CONSTANT, HIDDEN, NOISY_BOX, linear_rate, problem_of, ring, star, two_leaders
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.problem.changes import changed_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of
 from dobc_design.synthesis.pinning.propose_regions import RegionSearch
 from dobc_design.verdict import Verdict
@@ -21,28 +18,10 @@ from dobc_design.verdict import Verdict
 
 def is_proved(found: dd.Design) -> bool:
     """The design is a problem whose certificate holds, decided again by both checkers."""
-    if found.verdict is not Verdict.PROVED or found.problem is None or found.certificate is None:
+    if found.verdict is not Verdict.PROVED:
         return False
     again = dd.verify(found.certificate, found.problem)
     return again.holds and again.verdict is Verdict.PROVED
-
-
-def slopes(problem: Problem) -> np.ndarray:
-    """J at the consensus for h'(0) = 1, from the arcs."""
-    arcs = next(iter(problem.network.modes.values()))
-    J = np.zeros((problem.n, problem.n))
-    for i, j, weight in arcs:
-        J[i, j] += float(weight)
-        J[i, i] -= float(weight)
-    return J
-
-
-def fastest(problem: Problem, gains: dict[int, float]) -> float:
-    """The decay rate of the linearised loop."""
-    K = np.zeros(problem.n)
-    for i, k in gains.items():
-        K[i] = k
-    return -float(np.max(np.linalg.eigvals(slopes(problem) - np.diag(K)).real))
 
 
 @pytest.mark.slow
@@ -50,7 +29,6 @@ def test_a_nonlinear_ring_with_a_region_gets_one_pin_that_is_proved_for_it():
     found = dd.design(ring(coupling="tanh(y)", region=BOX))
     assert is_proved(found)
     assert list(found.gains) == ["1"]
-    assert found.certificate is not None
     assert found.certificate.covered_by == "max-separable"
     assert found.cost == sum(found.gains.values())
 
@@ -59,19 +37,9 @@ def test_a_nonlinear_ring_with_a_region_gets_one_pin_that_is_proved_for_it():
 def test_with_a_disturbance_w_is_designed_too_and_rounded_to_the_digits_asked():
     found = dd.design(ring(3, region=NOISY_BOX, exosystem=CONSTANT), digits=2)
     assert is_proved(found)
-    assert found.W is not None
-    assert found.problem is not None
     assert found.problem.observer.W == found.W
     for number in (*found.gains.values(), *(x for row in found.W for x in row)):
         assert Fraction(f"{float(number):.2g}") == number
-
-
-@pytest.mark.slow
-def test_the_certified_rate_is_at_least_the_one_asked_for():
-    found = dd.design(ring(3, region=BOX), rate="0.2")
-    assert is_proved(found)
-    assert found.rate is not None
-    assert found.rate >= 0.2
 
 
 @pytest.mark.slow
@@ -81,7 +49,6 @@ def test_the_papers_example_without_k_and_w_is_proved_for_its_box_with_at_most_t
     bare = changed_problem(paper, {"pinning.gains": None, "observer.P": None, "observer.W": None})
     found = dd.design(bare)
     assert is_proved(found)
-    assert found.problem is not None
     assert found.problem.region == paper.region
     assert 1 <= len(found.gains) <= 2
 
@@ -89,7 +56,6 @@ def test_the_papers_example_without_k_and_w_is_proved_for_its_box_with_at_most_t
 def test_without_a_region_the_design_is_proved_at_the_consensus():
     found = dd.design(ring(region=None), rate="0.1")
     assert is_proved(found)
-    assert found.certificate is not None
     assert found.certificate.covered_by == "lemma1"
 
 
@@ -109,16 +75,11 @@ def test_a_rate_beyond_the_allowed_agents_is_refuted_with_the_nearest_one():
     """A held leader: the others follow at h'(0) = 1 and no faster, whatever k_1."""
     found = dd.design(star(3, region=BOX), rate="1.01", allowed=["1"])
     assert (found.verdict, found.binding) == (Verdict.REFUTED, "rate")
-    assert fastest(star(3), {0: 1e9}) == pytest.approx(1)
-    assert found.nearest is not None
+    assert linear_rate(star(3), {0: 1e9}) == pytest.approx(1)
     assert is_proved(found.nearest)
-    assert found.nearest.request.rate is not None
     assert Fraction(1, 2) < found.nearest.request.rate < 1
-
-
-def test_a_rate_just_within_the_allowed_agents_is_reached():
-    found = dd.design(star(3, region=BOX), rate="0.99", allowed=["1"])
-    assert is_proved(found)
+    within = dd.design(star(3, region=BOX), rate="0.99", allowed=["1"])
+    assert is_proved(within) and within.rate >= 0.99
 
 
 @pytest.mark.slow
@@ -126,8 +87,7 @@ def test_a_cap_that_is_too_small_is_refuted_and_the_nearest_cap_does():
     """All agents at k = 1/2 return at 1/2 together, and never faster."""
     found = dd.design(ring(3, region=BOX), rate="0.51", max_gain="1/2")
     assert (found.verdict, found.binding) == (Verdict.REFUTED, "max_gain")
-    assert fastest(ring(3), dict.fromkeys(range(3), 0.5)) == pytest.approx(0.5)
-    assert found.nearest is not None
+    assert linear_rate(ring(3), dict.fromkeys(range(3), 0.5)) == pytest.approx(0.5)
     assert is_proved(found.nearest)
     assert max(found.nearest.request.caps.values()) > Fraction(1, 2)
 
@@ -136,7 +96,6 @@ def test_fewer_pins_than_groups_is_refuted_and_the_nearest_request_has_enough():
     found = dd.design(two_leaders(region=BOX), pins=1)
     assert (found.verdict, found.binding) == (Verdict.REFUTED, "pins")
     assert "1; " in found.reason
-    assert found.nearest is not None
     assert is_proved(found.nearest)
     assert found.nearest.request.pins == 2
     assert is_proved(dd.design(two_leaders(region=BOX), pins=2))
@@ -147,8 +106,7 @@ def test_too_few_pins_for_a_rate_are_refuted_set_by_set():
     found = dd.design(star(region=BOX), rate="1.2", pins=2)
     assert (found.verdict, found.binding) == (Verdict.REFUTED, "pins")
     sets = combinations(range(4), 2)
-    assert max(fastest(star(), dict.fromkeys(pair, 1e6)) for pair in sets) < 1.2
-    assert found.nearest is not None
+    assert max(linear_rate(star(), dict.fromkeys(pair, 1e6)) for pair in sets) < 1.2
     assert is_proved(found.nearest)
     assert len(found.nearest.gains) == 4
 
@@ -157,11 +115,8 @@ def test_too_few_pins_for_a_rate_are_refuted_set_by_set():
 def test_a_group_that_is_alone_in_one_mode_only_is_refuted_for_arbitrary_switching(pins):
     """In turn, modes A (3 hears 2) and B (2 hears 1) may converge with a pin on 1; put together they need no other."""
     for modes, several in (({"A": [[3, 2]], "B": [[2, 1]]}, True), ({"A": [[3, 2], [2, 1]]}, False)):
-        problem = Problem(
-            network=Network.from_arcs(modes, arrow="listens_to", agents=3), coupling="y", gains={1: 1}, target=0
-        )
-        structure = structure_of(problem, range(3) if pins else (0,))
-        found = structural_obstacle(problem, pins, structure)
+        problem = problem_of(modes, 3)
+        found = structural_obstacle(problem, pins, structure_of(problem, range(3) if pins else (0,)))
         assert (found is not None) is several
         assert found is None or "under arbitrary switching" in found.text
 
@@ -169,7 +124,6 @@ def test_a_group_that_is_alone_in_one_mode_only_is_refuted_for_arbitrary_switchi
 def test_a_group_without_an_allowed_agent_is_refuted_and_the_nearest_request_allows_it():
     found = dd.design(star(region=BOX), allowed=["2", "3"])
     assert (found.verdict, found.binding) == (Verdict.REFUTED, "allowed")
-    assert found.nearest is not None
     assert is_proved(found.nearest)
     assert 0 in found.nearest.request.allowed
 
@@ -178,9 +132,7 @@ def test_an_undetectable_pair_is_refuted_when_its_reduction_is_declined_and_redu
     problem = ring(3, region=NOISY_BOX, exosystem=HIDDEN)
     found = dd.design(problem, reduce=False)
     assert (found.verdict, found.binding) == (Verdict.REFUTED, "reduce")
-    assert found.nearest is not None
     assert is_proved(found.nearest)
-    assert found.nearest.problem is not None
     assert found.nearest.problem.q == 1
     assert found.nearest.request.reduce
 
@@ -190,7 +142,6 @@ def test_too_quiet_an_observer_is_refuted_and_the_nearest_bound_is_met():
     problem = ring(3, region=NOISY_BOX, exosystem=dd.exosystems.harmonics(1))
     found = dd.design(problem, noise="0.9")
     assert (found.verdict, found.binding) == (Verdict.REFUTED, "noise")
-    assert found.nearest is not None
     assert is_proved(found.nearest)
     assert found.nearest.request.noise[0].bound > 1
 
@@ -220,23 +171,12 @@ def test_a_design_says_what_was_decided_and_what_each_limit_costs():
     assert set(found.to_json()) >= {"verdict", "W", "P", "gains", "rate", "cost", "reason", "problem"}
 
 
-def test_the_price_of_the_rate_is_the_slope_of_the_smallest_gain():
-    """By differences of the smallest gains at two rates (theory, section 7 for the linear star: k = b / (1 - b))."""
-    bare = changed_problem(star(2, region=BOX), {"pinning.gains": None})
-    search = RegionSearch(bare, None, radius=Fraction(1), disturbance=Fraction(0))
-    for rate in (0.2, 0.5, 0.8):
+def test_the_smallest_gains_and_the_price_of_the_rate_are_those_of_closed_forms():
+    """A leader hears nobody: k = b.  Ring with one hard pin and h = y: v_j = (1 - b)^-(distance), k = b + v_2 - 1."""
+    star2, ring5 = star(2, region=BOX), ring(5, coupling="y", region=BOX)
+    known = [(star2, b, b, 1.0) for b in (0.2, 0.5, 0.8)] + [(ring5, 0.1, 0.1 + 0.9**-4 - 1, 1 + 4 * 0.9**-5)]
+    for problem, rate, total, slope in known:
+        search = RegionSearch(problem, None, radius=Fraction(1), disturbance=Fraction(0))
         found = search.smallest([0], {}, rate)
-        assert found is not None
-        assert sum(found.gains.values()) == pytest.approx(rate)  # agent 1 hears nobody: k = b
-        assert found.rate_price == pytest.approx(1)
-
-
-def test_the_gains_of_a_linear_ring_are_those_of_the_closed_form():
-    """Ring with one hard pin and h = y: v_j = (1 - b)^-(distance), k_1 = b + v_2 - 1."""
-    search = RegionSearch(ring(5, coupling="y", region=BOX), None, radius=Fraction(1), disturbance=Fraction(0))
-    rate = 0.1
-    found = search.smallest([0], {}, rate)
-    assert found is not None
-    assert sum(found.gains.values()) == pytest.approx(rate + (1 - rate) ** -4 - 1)
-    slope = 1 + 4 * (1 - rate) ** -5
-    assert found.rate_price == pytest.approx(slope)
+        assert sum(found.gains.values()) == pytest.approx(total)
+        assert found.rate_price == pytest.approx(slope)

@@ -14,13 +14,13 @@ from dobc_design.errors import SpecError
 
 def test_the_gain_curve_of_a_linear_ring_is_proved_and_follows_the_closed_form():
     """One hard pin, h = y: k = b + (1 - b)^-(n - 1) - 1 at the rate b, and a little more for the digits."""
-    found = dd.trade_off(ring(4, region=BOX), points=4)
-    assert len(found.points) >= 3
+    found = dd.trade_off(ring(4, region=BOX), points=3)
+    assert len(found.points) >= 2
     for point in found.points:
         least = point.x + (1 - point.x) ** -3 - 1
         assert least <= point.y <= 1.05 * least
-    assert [point.x for point in found.points] == sorted(point.x for point in found.points)
-    assert all(point.proved for point in found.points)
+        assert point.proved
+    assert list(found.points) == sorted(found.points, key=lambda point: point.x)
 
 
 def test_near_the_consensus_the_chosen_point_lies_on_the_gain_curve():
@@ -31,7 +31,6 @@ def test_near_the_consensus_the_chosen_point_lies_on_the_gain_curve():
     assert len(found.points) == 4
     for point in found.points:
         assert point.y == pytest.approx(1 / (1 - point.x) - 1 + point.x, rel=0.02)
-    assert found.chosen is not None
     assert found.chosen.y == float(chosen.cost or 0)
     assert found.chosen.y == pytest.approx(1 / (1 - found.chosen.x) - 1 + found.chosen.x, rel=0.02)
 
@@ -54,46 +53,43 @@ def test_the_noise_curve_of_a_constant_disturbance_is_w_itself():
         assert point.y >= point.x * (1 - 1e-12)
 
 
-def test_a_trade_off_shows_itself(tmp_path):
-    found = dd.trade_off(star(2, region=BOX, name="<b>"), points=3)
-    assert found.plot().save(tmp_path / "curve.svg").stat().st_size > 1000
-    assert found._repr_html_().count("<b>") == 1  # its own, not the name
-    assert str(found).count("\n") >= 3
+@pytest.fixture(scope="module")
+def small():
+    return dd.trade_off(star(2, region=BOX, name="<b>"), points=3)
 
 
-def test_a_trade_off_becomes_a_table():
+def test_a_trade_off_shows_itself(small, tmp_path):
+    assert small.plot().save(tmp_path / "curve.svg").stat().st_size > 1000
+    assert small._repr_html_().count("<b>") == 1  # its own, not the name
+    assert str(small).count("\n") >= 3
+
+
+def test_a_trade_off_becomes_a_table(small):
     pytest.importorskip("pandas", reason="needs pandas: pip install dobc_design[store]")
-    table = dd.trade_off(star(2, region=BOX), points=3).to_pandas()
+    table = small.to_pandas()
     assert list(table.columns)[-3:] == ["pinned", "proved", "chosen"]
     assert len(table) == 3
 
 
-def test_without_pandas_the_cure_is_named(monkeypatch):
+def test_without_pandas_the_cure_is_named(small, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(SpecError, match="pip install"):
-        dd.trade_off(star(2, region=BOX), points=2).to_pandas()
+        small.to_pandas()
 
 
-@pytest.mark.parametrize(
-    ("changes", "key"),
-    [
-        ({"curve": "speed"}, "curve"),
-        ({"points": 1}, "points"),
-        ({"points": True}, "points"),
-        ({"curve": "noise"}, "curve"),
-        ({"curve": "pins", "allowed": ["2"]}, "allowed"),
-    ],
-)
-def test_wrong_arguments_are_named(changes, key):
+WRONG = [{"curve": "speed"}, {"points": 1}, {"points": True}, {"curve": "noise"}, {"curve": "pins", "allowed": ["2"]}]
+
+
+@pytest.mark.parametrize("changes", WRONG)
+def test_wrong_arguments_are_named(changes):
     with pytest.raises(SpecError) as caught:
         dd.trade_off(star(3), **changes)
-    assert caught.value.key == key
+    assert caught.value.key == list(changes)[-1]
 
 
 def test_the_chosen_point_is_that_of_the_design():
     problem = ring(3, region=BOX)
     design = dd.design(problem, rate="0.2")
     found = dd.trade_off(problem, curve="pins", design=design, points=2)
-    assert found.chosen is not None
     assert (found.chosen.x, found.chosen.y) == (1, design.rate)
     assert Fraction(found.chosen.y) >= Fraction("0.2")

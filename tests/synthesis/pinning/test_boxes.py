@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 from fractions import Fraction
 from random import Random
 
@@ -11,36 +10,18 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from separable_problems import cycle
+from small_designs import digraph, linear_rate, problem_of
 
 import dobc_design as dd
 from dobc_design.conditions.separable.decide import covers, verify_composite, verify_separable
 from dobc_design.errors import SpecError
+from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning import search
 from dobc_design.verdict import Verdict
 
 RATE = Fraction(1, 10)
-
-
-def digraph(r: Random, n: int, *, coupling: str = "y", modes: int = 1) -> Problem:
-    found = {}
-    for k in range(modes):
-        pairs = {(i, i % n + 1) for i in range(1, n + 1)}
-        pairs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 2 / n}
-        found[f"G{k}"] = [[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)]
-    return Problem(network=Network.from_arcs(found, arrow="listens_to", agents=n), coupling=coupling)
-
-
-def abscissa(problem: Problem, gains) -> float:
-    """The largest real part of an eigenvalue of A - D - K, for h = y and one mode."""
-    M = np.zeros((problem.n, problem.n))
-    for i, j, weight in problem.network.modes["G0"]:
-        M[i, j] += float(weight)
-        M[i, i] -= float(weight)
-    for label, k in gains.items():
-        M[problem.network.index[label], problem.network.index[label]] -= float(k)
-    return float(np.max(np.linalg.eigvals(M).real))
 
 
 def geometric_program(problem: Problem, allowed, rate: float) -> float:
@@ -76,36 +57,30 @@ def test_one_pin_on_a_linear_cycle_has_its_gain_in_closed_form():
     assert float(design.gains["1"]) == pytest.approx(k, rel=1e-6)
     assert float(design.cost) >= k * (1 - 1e-12)
     assert abs(np.log10(float(max(design.certificate.v))) + 9 * np.log10(0.95)) < 1e-6
-
-
-def test_all_pinned_on_a_balanced_graph_cost_the_rate_each():
-    """The mean of the logarithms of v_j/v_i is 0 on a cycle, so sum k >= n rate, for every coupling and radius."""
-    design = dd.design_pinning(cycle(6, gains={}), rate=RATE, region=2, digits=9)
-    assert design.verdict is Verdict.PROVED
-    assert float(design.cost) == pytest.approx(0.6, rel=1e-6)
+    whole = dd.design_pinning(cycle(6, gains={}), rate=RATE, region=2, digits=9)  # sum log(v_j/v_i) = 0: k = rate each
+    assert float(whole.cost) == pytest.approx(0.6, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_linear_gains_are_those_of_the_geometric_program_and_of_the_spectrum(seed):
     """cvxpy's geometric form is the oracle of the cost; A - D - K + rate I has to be stable, and just is."""
     r = Random(seed)
-    problem = digraph(r, r.randint(4, 7))
+    n = r.randint(4, 7)
+    problem = digraph(r, n, density=2 / n)
     allowed = sorted(r.sample(range(problem.n), 2))
     design = dd.design_pinning(problem, rate="1/20", allowed=[i + 1 for i in allowed], region=1, digits=9)
     if design.verdict is not Verdict.PROVED:
         assert design.verdict is Verdict.REFUTED
-        assert abscissa(problem, {str(i + 1): 10**6 for i in allowed}) > -0.05
+        assert linear_rate(problem, dict.fromkeys(allowed, 1e6)) < 0.05
         return
-    optimal = geometric_program(problem, allowed, 0.05)
-    assert float(design.cost) == pytest.approx(optimal, rel=1e-5)
-    assert abscissa(problem, design.gains) <= -0.05
-    assert abscissa(problem, {label: k * Fraction(999, 1000) for label, k in design.gains.items()}) > -0.05
+    assert float(design.cost) == pytest.approx(geometric_program(problem, allowed, 0.05), rel=1e-5)
+    gains = {problem.network.index[label]: float(k) for label, k in design.gains.items()}
+    assert linear_rate(problem, gains) >= 0.05 > linear_rate(problem, {i: 0.999 * k for i, k in gains.items()})
 
 
 def test_rows_of_the_designed_gains_hold_on_a_grid_and_fail_for_smaller_gains():
     """exp(y) - 1 + y over |e_i| <= 4: both faces of every agent at many s, written out here."""
     design = dd.design_pinning("paper-fixed", rate="1/20", allowed=[1, 6], region=4)
-    assert design.verdict is Verdict.PROVED
     v = np.array([float(x) for x in design.certificate.v])
 
     def worst(factor: float) -> float:
@@ -127,14 +102,14 @@ def test_rows_of_the_designed_gains_hold_on_a_grid_and_fail_for_smaller_gains():
 
 
 def test_the_certificate_of_a_design_is_the_one_that_was_proved():
-    problem = digraph(Random(1), 5, coupling="tanh(y)", modes=2)
+    arcs = {f"G{k}": digraph(Random(k), 5, density=0.4).network.modes["G"] for k in range(2)}
+    problem = Problem(network=Network(labels=tuple("12345"), modes=arcs), coupling="tanh(y)")
     design = dd.design_pinning(problem, rate="1/100", region="1/2")
     assert verify_separable(design.problem, design.certificate).verdict is Verdict.PROVED
     assert min(design.certificate.v) == 1
     weaker = {label: k / 2 for label, k in design.gains.items()}
-    bare = replace(design.certificate, alpha=design.certificate.alpha)
-    _, (given,) = problem.__reduce__()
-    assert verify_separable(Problem(**given | {"gains": weaker}), bare).verdict is Verdict.REFUTED
+    held = changed_problem(problem, {"pinning.gains": weaker})
+    assert verify_separable(held, design.certificate).verdict is Verdict.REFUTED
 
 
 def test_a_rate_that_the_others_cannot_have_is_refuted_by_a_slow_direction():
@@ -151,7 +126,7 @@ def test_a_rate_that_the_others_cannot_have_is_refuted_by_a_slow_direction():
 def test_modes_in_which_no_order_serves_all_are_refuted_whatever_the_gains():
     """2 hears 3 only in one mode, 3 hears 2 only in the other: theory, section 5."""
     modes = {"A": [[2, 1], [3, 2]], "B": [[3, 1], [2, 3]]}
-    problem = Problem(network=Network.from_arcs(modes, arrow="listens_to", agents=3), coupling="tanh(y)")
+    problem = problem_of(modes, 3, coupling="tanh(y)")
     design = dd.design_pinning(problem, rate="1/100", allowed=[1], region=1)
     assert (design.verdict, design.statements[0].kind) == (Verdict.REFUTED, "ordering")
     assert "agents 2 and 3" in design.reason
@@ -162,9 +137,7 @@ def test_modes_in_which_no_order_serves_all_are_refuted_whatever_the_gains():
 def test_pins_are_limited_and_the_fewest_are_found():
     one = dd.design_pinning("paper-fixed", rate="1/50", region=2, pins=1)
     assert (one.verdict, len(one.gains)) == (Verdict.PROVED, 1)
-    apart = Problem(
-        network=Network.from_arcs([[1, 2], [2, 1], [3, 4], [4, 3]], arrow="listens_to", agents=4), coupling="y + y**3"
-    )
+    apart = problem_of([[1, 2], [2, 1], [3, 4], [4, 3]], 4, coupling="y + y**3")
     few = dd.design_pinning(apart, rate="1/10", region=1, pins="fewest")
     assert (few.verdict, len(few.gains)) == (Verdict.PROVED, 2)
     assert [s.verdict for s in few.statements if s.kind == "pins"] == [Verdict.PROVED]
@@ -194,34 +167,23 @@ def test_the_region_of_the_file_leaves_room_for_the_observer():
     assert not covers(claim, radius=claim.rho, disturbance=Fraction(1, 2))
 
 
-def test_too_large_a_radius_or_a_coupling_that_ends_is_no_error():
+def test_where_couplings_end_or_mix_components_there_is_no_box_and_no_error():
     problem = cycle(4, gains={}, h="sqrt(1 + y) - 1")
-    design = dd.design_pinning(problem, rate="1/100", region=10, allowed=[1])
-    assert design.verdict is Verdict.UNDECIDED
-    assert dd.design_pinning(problem, rate="1/100", region="1/10", allowed=[1]).verdict is Verdict.PROVED
-
-
-def test_couplings_that_mix_components_have_no_box():
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
-    mixed = Problem(network=network, coupling=["y1 + y2/2", "y2"])
-    design = dd.design_pinning(mixed, rate="1/10", region=1)
+    for region, verdict in ((10, Verdict.UNDECIDED), ("1/10", Verdict.PROVED)):
+        assert dd.design_pinning(problem, rate="1/100", region=region, allowed=[1]).verdict is verdict
+    design = dd.design_pinning(problem_of([[1, 2], [2, 1]], coupling=["y1 + y2/2", "y2"]), rate="1/10", region=1)
     assert (design.verdict, design.statements[0].kind) == (Verdict.UNDECIDED, "method")
 
 
 @pytest.mark.parametrize(
-    ("asked", "words"),
+    ("problem", "region", "words"),
     [
-        ({"region": 0}, "region must be > 0"),
-        ({"region": True}, "there is none"),
-        ({"region": "wide"}, "region"),
+        (cycle(3, gains={}), 0, "region must be > 0"),
+        (cycle(3, gains={}), True, "there is none"),
+        (cycle(3, gains={}), "wide", "region"),
+        ("paper-fixed", True, "below the decay rate of the observer"),
     ],
 )
-def test_a_wrong_region_is_one_clear_error(asked, words):
+def test_a_wrong_region_is_one_clear_error(problem, region, words):
     with pytest.raises(SpecError, match=words):
-        dd.design_pinning(cycle(3, gains={}), rate=1, **asked)
-
-
-def test_what_a_region_with_an_observer_needs_is_said():
-    problem = dd.load_problem("paper-fixed")
-    with pytest.raises(SpecError, match="below the decay rate of the observer"):
-        dd.design_pinning(problem, rate=2, region=True)
+        dd.design_pinning(problem, rate=2, region=region)

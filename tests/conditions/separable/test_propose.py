@@ -269,17 +269,6 @@ def grid(side: int, *, pins: int, h: str = "y") -> Problem:
     return listening(arcs, h, n=side * side, gains=dict.fromkeys(range(1, side * side + 1, pins), 3), target=0)
 
 
-def test_the_rate_of_linear_couplings_is_bounded_closely_from_above():
-    """The least eigenvalue of L + K on a grid of 20 x 20, by NumPy."""
-    problem = grid(20, pins=7)
-    arcs = problem.network.modes["G"]
-    M = np.diag(float_gains(problem))
-    np.add.at(M, (arcs.listeners, arcs.speakers), -1.0)
-    np.add.at(M, (arcs.listeners, arcs.listeners), 1.0)
-    truth = float(np.linalg.eigvalsh(M)[0])
-    assert truth * (1 - 1e-3) <= propose.linear_rate(field_of(problem, rho=1.0)) <= 2 * truth
-
-
 @pytest.mark.parametrize("h", [pytest.param(PAPER, marks=pytest.mark.slow), "sin(y)"])
 def test_the_search_for_many_agents_comes_near_the_rate_of_that_for_few(monkeypatch, h: str):
     """The same network of 81 agents by both; near 5 %."""

@@ -136,12 +136,6 @@ def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only():
     assert largest_period(problem, claim).period == F("0.243902439")
 
 
-def test_a_longer_period_overshoots():
-    """The twin: e_1+ = (1 - 5 T) e_1 shrinks by 1 - T at T = 1/5, and by less soon after (1/3 is where it ends)."""
-    for period, holds in ((0.2, True), (0.34, False)):
-        assert (abs(1 - 5 * period) <= 1 - period) is holds
-
-
 def test_matrix_gains_and_couplings_that_do_not_apply_have_no_period():
     vector = listening([[2, 1]], ["y1 + y2", "y2"], n=2, gains=1, target=[0, 0])
     claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1))

@@ -24,7 +24,6 @@ from dobc_design.conditions.schedule.decide import verify_staging
 from dobc_design.conditions.schedule.stage import asked_beside, settling_stage
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.errors import CertificateError, SpecError
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 F = Fraction
@@ -133,6 +132,7 @@ def test_couplings_that_do_not_act_by_component_leave_it_undecided():
     check = settling_stage(problem, None, [], tolerance=F(1), domain="consensus", report=lambda stage: None)
     assert check.verdict is Verdict.UNDECIDED
     assert check.reason.startswith("does not apply")
+    assert dd.certify_settling(problem, radius=1).reason.startswith("does not apply")
 
 
 def test_agents_with_different_exosystems_settle_and_both_programs_accept_it():
@@ -256,11 +256,6 @@ def test_starts_that_no_certificate_holds_leave_the_answer_undecided():
     assert settling.time is None and settling.stages == ()
     with pytest.raises(SpecError, match="no envelope"):
         settling.envelope(1.0)
-
-
-def test_couplings_of_vectors_do_not_apply():
-    problem = Problem(network=pair("y").network, coupling=["y1 + y2**3", "y2"], gains={1: 5}, target=[0, 0])
-    assert dd.certify_settling(problem, radius=1).reason.startswith("does not apply")
 
 
 def test_without_a_region_the_starts_have_to_be_given():

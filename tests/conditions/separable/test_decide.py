@@ -495,10 +495,7 @@ def test_without_an_exosystem_v_is_n():
     assert composite_rate(claim) == 5
     assert covers(claim, radius=F(4), disturbance=F(0))
     assert not covers(claim, radius=F(4) + F(1, 10**20), disturbance=F(0))
-
-
-def test_without_a_radius_everything_is_covered():
-    claim = Separable(v=(F(1),) * 10, alpha=F(5), rho=None)
+    claim = replace(claim, rho=None)  # without a radius everything is covered
     assert verify_composite(cycle(gains=5, h="2*y"), None, claim).verdict is Verdict.PROVED
     assert covers(claim, radius=F(10**9), disturbance=F(0))
 

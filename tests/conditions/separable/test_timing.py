@@ -73,12 +73,10 @@ def test_delayed_simulations_obey_the_rate(seed: int):
     bound = longest_delay(problem, claim, rate=claim.alpha / 2)
     tau, dt, rate = float(bound.delay), 1e-3, float(bound.rate)
     r, v = Random(seed), np.array([float(x) for x in claim.v])
-    arcs = [
-        (i, j, float(w), problem.coupling_of(i, j).numpy_function(), r.randint(0, int(tau / dt)))
-        for i, j, w in next(iter(problem.network.modes.values()))
-    ]
-    gains = float_gains(problem)
-    history = [v * np.array([r.choice((-1, 1)) for _ in v])] * (int(tau / dt) + 1)
+    gains, late = float_gains(problem), int(tau / dt)
+    mode = next(iter(problem.network.modes.values()))
+    arcs = [(i, j, float(w), problem.coupling_of(i, j).numpy_function(), r.randint(0, late)) for i, j, w in mode]
+    history = [v * np.array([r.choice((-1, 1)) for _ in v])] * (late + 1)
     for step in range(4000):
         e = history[-1]
         slope = -gains * e

@@ -28,6 +28,7 @@ from dobc_design.verdict import Verdict
 
 F = Fraction
 LESS, MORE = F(99, 100), F(101, 100)
+less = LESS.__mul__
 
 
 def changed(k: int, **fields) -> Staging:
@@ -41,10 +42,6 @@ def changed(k: int, **fields) -> Staging:
 def failure(staging: Staging) -> tuple[Verdict, int | None, str]:
     answer = verify_staging(problem(), PAPER_GAIN, staging)
     return answer.verdict, answer.stage, answer.step
-
-
-def less(value: Fraction) -> Fraction:
-    return value * LESS
 
 
 def test_the_chain_with_every_kind_of_hand_over_is_proved():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from importlib import import_module
 from random import Random
 
 import numpy as np
@@ -276,7 +275,7 @@ def test_rows_in_which_a_coupling_falls_are_decided_alike_by_floats(monkeypatch,
     """Far beyond the rising range: the same rate, and the same answer just above it, as by rows one by one."""
     problem, v = held_ring(9, h=h)
     exact = largest_rate(problem, v, rho=F(rho))
-    monkeypatch.setattr(import_module("dobc_design.conditions.separable.decide"), "MANY_FALLING", 0)
+    monkeypatch.setattr("dobc_design.conditions.separable.decide.MANY_FALLING", 0)
     floats = largest_rate(problem, v, rho=F(rho))
     if exact is None:
         assert floats is None

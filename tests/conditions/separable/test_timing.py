@@ -97,7 +97,7 @@ def test_sampled_simulations_obey_the_period(seed: int):
     rng, v = np.random.default_rng(seed), np.array([float(x) for x in claim.v])
     gains = float_gains(problem)
     for arcs in problem.network.modes.values():
-        for _ in range(60):
+        for _ in range(30):
             level = float(claim.rho) * rng.uniform(0, 1)
             e = level * v * rng.choice((-1, 1, rng.uniform(-1, 1)), size=len(v))  # many on a face
             after = e * (1 - period * gains)

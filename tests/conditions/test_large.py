@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from random_problems import random_linear_problem, random_problem
-from separable_problems import cycle
+from separable_problems import cycle, listening
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
@@ -19,8 +19,6 @@ from dobc_design.conditions.consensus import claim, propose
 from dobc_design.conditions.consensus.propose import float_lambda
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 
@@ -34,12 +32,8 @@ def as_large(monkeypatch):
 def held(n=30, *, h="exp(y) - 1 + y", step=3):
     """Both neighbours are heard, every third agent is pinned, with an oscillator for every agent."""
     arcs = [[i, (i + k) % n or n] for i in range(1, n + 1) for k in (1, n - 1)]
-    return Problem(
-        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
-        coupling=h,
-        gains=dict.fromkeys(range(1, n + 1, step), 3),
-        exosystem=Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]),
-    )
+    oscillator = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    return listening(arcs, h, n=n, gains=dict.fromkeys(range(1, n + 1, step), 3), exosystem=oscillator)
 
 
 def accepted(certificate, problem):
@@ -94,12 +88,10 @@ def test_a_margin_beyond_the_vector_or_a_forged_vector_is_refused_by_both(as_lar
 
 def test_an_unpinned_part_is_refuted_by_the_large_path_too(as_large):
     """Theory, section 2: the agents that nobody holds, moved together."""
-    arcs = [[1, 2], [2, 1], [3, 4], [4, 3]]
-    problem = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=4), coupling="y", gains={1: 3})
+    problem = listening([[1, 2], [2, 1], [3, 4], [4, 3]], "y", n=4, gains={1: 3})
     certificate = certify(problem)
     lemma = certificate.check("lemma1")
-    assert lemma.verdict is Verdict.REFUTED
-    assert lemma.witness.labels == ("3", "4")
+    assert (lemma.verdict, lemma.witness.labels) == (Verdict.REFUTED, ("3", "4"))
     assert accepted(certificate, problem) == (True, True)
 
 

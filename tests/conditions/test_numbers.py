@@ -101,7 +101,7 @@ def test_other_texts_are_refused(text):
         read_rational(text)
 
 
-@pytest.mark.parametrize("value", [1, 1.5, None, True, ["1"], {}])
-def test_json_numbers_are_no_rationals(value):
-    with pytest.raises(ValueError, match="must be a rational as text"):
-        read_rational(value)
+def test_json_numbers_are_no_rationals():
+    for value in (1, 1.5, None, True, ["1"], {}):
+        with pytest.raises(ValueError, match="must be a rational as text"):
+            read_rational(value)

@@ -32,10 +32,6 @@ def mp(x: Any) -> Any:
     return mpmath.mpf(x.numerator) / x.denominator if isinstance(x, Fraction) else mpmath.mpf(x)
 
 
-def floats(rows: Any) -> Any:
-    return np.array([[float(exact(x)) for x in row] for row in rows])
-
-
 def rational(rows: Any) -> Any:
     """A matrix of flint's rationals."""
     return flint.fmpq_mat([[fmpq(exact(x)) for x in row] for row in rows])
@@ -50,13 +46,9 @@ def diagonal(values: Any) -> Any:
     return flint.fmpq_mat([[x if i == j else flint.fmpq(0) for j in range(len(values))] for i, x in enumerate(values)])
 
 
-def symmetric(M: Any) -> bool:
-    return bool(M.transpose() == M)
-
-
 def positive(M: Any, *, strict: bool = True) -> bool:
     """A symmetric matrix is definite (semidefinite) iff the signs in its characteristic polynomial alternate."""
-    if not symmetric(M):
+    if M.transpose() != M:
         return False
     signs = [(-1) ** (M.nrows() - k) * c for k, c in enumerate(M.charpoly().coeffs())]
     return all(c > 0 if strict else c >= 0 for c in signs)

@@ -59,9 +59,9 @@ def grow_shell(
         outer = top * part**2
         if outer <= max(level, float(least)) * (1 + 1e-6) or widest * math.sqrt(outer) > STRETCHED * float(largest):
             continue
-        half = widest * math.sqrt(outer) * (1 + 1e-9)
-        unit = 2.0 ** (math.frexp(half)[1] - 12)  # 12 bits are kept, rounded up
-        half = Fraction(math.ceil(half / unit)) * Fraction(unit)
+        reach = widest * math.sqrt(outer) * (1 + 1e-9)
+        unit = 2.0 ** (math.frexp(reach)[1] - 12)  # 12 bits are kept, rounded up
+        half = Fraction(math.ceil(reach / unit)) * Fraction(unit)
         box, last = claims.first_box(len(P_e), half), part == SHORT_OF[-1]
         found = _cut(forms, P_e, box, level, outer, most=most, last=last)
         exact = Fraction(0) if found is None else rounded_down(found[1] * (1 - 1e-9), digits=9)

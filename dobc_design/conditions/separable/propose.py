@@ -119,9 +119,9 @@ def field_of(problem: Problem, *, rho: float) -> Field:
     shapes = [(h, *_extremes(h, radius=8.0 * rho)) for h in functions]
     modes = []
     for arcs in problem.network.modes.values():
-        ends, weights = (arcs.listeners, arcs.speakers), np.array([float(w) for w in arcs.weights])
+        i, j, w = arcs.listeners, arcs.speakers, np.array([float(weight) for weight in arcs.weights])
         parts = split_by(coupling_places(problem, arcs))
-        modes.append(tuple(Group(*(end[own] for end in ends), weights[own], *shapes[kind]) for kind, own in parts))
+        modes.append(tuple(Group(i[own], j[own], w[own], *shapes[kind]) for kind, own in parts))
     total = 1 + sum(map(len, problem.network.modes.values()))
     count = int(np.clip(WORK // total, COARSEST, FINEST))
     return Field(
@@ -132,7 +132,7 @@ def field_of(problem: Problem, *, rho: float) -> Field:
     )
 
 
-def _extremes(h: Callable[[Array], Array], *, radius: float) -> list[tuple[Array, Array]]:
+def _extremes(h: Callable[[Array], Array], *, radius: float) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Places and values of the maxima of h on [-radius, radius], then of its minima; ArithmeticError for too many."""
     y = np.linspace(-radius, radius, SAMPLES)
     values = h(y)
@@ -150,7 +150,7 @@ def _extremes(h: Callable[[Array], Array], *, radius: float) -> list[tuple[Array
             pairs.append((near[best], heights[best]))
         both = np.array(pairs, dtype=float).reshape(-1, 2)
         extremes.append((both[:, 0], both[:, 1]))
-    return extremes
+    return extremes[0], extremes[1]
 
 
 def _sup(group: Group, face: int, s: float, own: Array, other: Array) -> tuple[Array, Any]:

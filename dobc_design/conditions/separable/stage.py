@@ -125,9 +125,8 @@ def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | N
 def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
     """Delays and sampling beside a proved max-separable check."""
     problem = asked.problem
-    arcs = sum(map(len, problem.network.modes.values()))
     rising = all(kind.is_nondecreasing for kind in coupling_profiles(problem, claim.v, rho=claim.rho))
-    largest = TIMED_ARCS if rising else TIMED_FALLING
+    arcs, largest = sum(map(len, problem.network.modes.values())), TIMED_ARCS if rising else TIMED_FALLING
     if arcs > largest:
         some = "" if rising else " of couplings that fall within the box"
         reason = f"left out, because exact rows for {arcs} arcs{some} take long; it is examined up to {largest}."
@@ -175,10 +174,10 @@ def _steepness(asked: Asked, reach: float) -> float:
 
 def _remark(asked: Asked, claim: Separable, radius: float) -> str:
     """Why the box is no larger, where one could ask."""
-    if claim.rho is None or (asked.wanted and radius == asked.radius):
+    if claim.rho is None:
         return ""
-    if not asked.wanted and radius == asked.radius:
-        return f" No region is asked for; boxes up to {asked.radius:.6g} were tried."
+    if radius == asked.radius:
+        return "" if asked.wanted else f" No region is asked for; boxes up to {asked.radius:.6g} were tried."
     wish = f"the region asks for {asked.radius:.6g}" if asked.wanted else "no region is asked for"
     wider = replace(claim, rho=claim.rho * min(claimed(asked.radius) / claimed(radius), WIDER))
     who, answer = "", verify_separable(asked.problem, wider)

@@ -40,12 +40,12 @@ FARTHER = ((2, 3, 6.0), (3, 3, 6.0), (4, 3, 6.0), (3, {1: 3}, 3.63), (4, {1: 3},
     ("n", "gains", "radius"), [(2, {1: 3}, 3.75), *(pytest.param(*each, marks=pytest.mark.slow) for each in FARTHER)]
 )
 def test_small_cycles_are_certified_as_far_as_v_decreases(n, gains, radius):
-    """V = e'e on the directed cycle: the truth from 200000 directions is not passed, and nearly reached."""
+    """V = e'e on the directed cycle: the truth from many directions is not passed, and nearly reached."""
     problem = cycle(n, gains)
     shell = grow_shell(problem, inner(problem))
     assert verify_shell(problem, shell).verdict is Verdict.PROVED
     rng = np.random.default_rng(1)
-    v = rng.standard_normal((200_000, n))
+    v = rng.standard_normal((50_000 * (n - 1), n))
     v /= np.linalg.norm(v, axis=1, keepdims=True)
     reached = ball(problem, shell)
     radii = np.linspace(0.9, 1.2, 61) * reached
@@ -118,9 +118,7 @@ def test_random_small_networks_are_certified_and_checked(seed):
     problem = random_problem(seed, coupling="y + y**3/5")
     lure = design_lure(problem, holds=lambda each: is_proved(problem, each))
     shell = None if lure is None else grow_shell(problem, lure, largest=Fraction(6), most=20_000)
-    if shell is not None:
-        assert verify_shell(problem, shell).verdict is Verdict.PROVED
-        assert shell.outer > lure.level
+    assert shell is None or (verify_shell(problem, shell).verdict is Verdict.PROVED and shell.outer > lure.level)
 
 
 def test_no_more_boxes_are_left_than_allowed_and_smaller_sets_are_not_looked_for():

@@ -12,27 +12,14 @@ from lure_cases import cycle as quadratic_cycle
 from separable_problems import cycle, pair
 
 from dobc_design.conditions.schedule.propose import (
-    box_bound,
-    matching_diagonal,
     plan_stages,
     propose_quadratic_stages,
-    relative_bound,
 )
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, propose_vectors
 from dobc_design.exact.matrix import to_float
-from dobc_design.exact.symmetric import SparseSymmetric
 
 F = Fraction
-
-
-def random_positive(rng: np.random.Generator, size: int) -> np.ndarray:
-    root = rng.standard_normal((size, size))
-    return root @ root.T + 0.1 * np.eye(size)
-
-
-def exact(array: np.ndarray) -> SparseSymmetric:
-    return SparseSymmetric(len(array), {(i, j): F(float(array[i, j])) for j in range(len(array)) for i in range(j + 1)})
 
 
 def test_a_plan_has_falling_levels_and_is_shorter_than_its_first_stage_alone():
@@ -64,28 +51,6 @@ def test_vectors_for_a_part_of_the_rate_are_flatter_and_have_it():
     assert np.max(half) < np.max(full)
     rate = largest_rate(problem, tuple(F(round(x * 10**6), 10**6) for x in half.tolist()), rho=F(2))
     assert float(rate) == pytest.approx(0.5 * best.rate, rel=0.03)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_bound_on_a_box_holds_at_every_corner(seed):
-    rng = np.random.default_rng(seed)
-    P_e, v = random_positive(rng, 4), rng.uniform(1, 3, 4)
-    corners = np.array(np.meshgrid(*[[-1, 1]] * 4)).reshape(4, -1).T * v
-    most = float(np.max(np.einsum("ri,ij,rj->r", corners, P_e, corners)))
-    bound, D = box_bound(P_e, v)
-    assert bound == pytest.approx(float(D @ v**2))
-    assert most <= bound * (1 + 1e-12)
-    given = matching_diagonal(exact(P_e), tuple(F(float(x)) for x in v))
-    assert np.linalg.eigvalsh(np.diag([float(d) for d in given]) - P_e)[0] >= -1e-9
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_one_matrix_is_bounded_by_another_and_barely(seed):
-    rng = np.random.default_rng(100 + seed)
-    old, new = random_positive(rng, 3), random_positive(rng, 3)
-    factor = float(relative_bound(exact(new), exact(old)))
-    assert np.linalg.eigvalsh(factor * old - new)[0] >= 0
-    assert np.linalg.eigvalsh((1 - 1e-5) * factor * old - new)[0] < 0
 
 
 def test_quadratic_stages_are_faster_at_smaller_radii_and_each_is_proved():

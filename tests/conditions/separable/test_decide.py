@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
-from importlib import import_module
 from random import Random
 
 import numpy as np
@@ -22,12 +22,33 @@ from separable_problems import (
     sampled_rows,
 )
 
-from dobc_design.conditions.separable.claim import FACES, Separable, find_ordering, is_stuck, rows
-from dobc_design.conditions.separable.decide import coupling_profiles, decide_row, largest_rate, verify_separable
+from dobc_design.conditions.separable.claim import (
+    FACES,
+    ErrorBound,
+    Separable,
+    Term,
+    find_ordering,
+    is_stuck,
+    largest_reach,
+    rows,
+)
+from dobc_design.conditions.separable.decide import (
+    composite_rate,
+    coupling_profiles,
+    covers,
+    decide_row,
+    error_bound_obstacle,
+    largest_rate,
+    verify_composite,
+    verify_separable,
+)
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, gain_table, open_rows, turning
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Observer
+from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -254,7 +275,7 @@ def test_rows_in_which_a_coupling_falls_are_decided_alike_by_floats(monkeypatch,
     """Far beyond the rising range: the same rate, and the same answer just above it, as by rows one by one."""
     problem, v = held_ring(9, h=h)
     exact = largest_rate(problem, v, rho=F(rho))
-    monkeypatch.setattr(import_module("dobc_design.conditions.separable.decide"), "MANY_FALLING", 0)
+    monkeypatch.setattr("dobc_design.conditions.separable.decide.MANY_FALLING", 0)
     floats = largest_rate(problem, v, rho=F(rho))
     if exact is None:
         assert floats is None
@@ -389,3 +410,105 @@ def test_a_cycle_is_ordered_away_from_its_pin_and_a_matrix_gain_holds_only_if_it
         gain = [[2, corner], [-corner, 2]]
         problem = Problem(network=network, coupling="y", gains={1: gain}, target=[0, 0])
         assert find_ordering(problem).stuck == stuck
+
+
+def test_agents_in_the_same_situation_share_a_row():
+    """The undirected cycle with v = 1: one row for the pinned agent, one for the nine others."""
+    arcs = [[i, (i + d) % 10 + 1] for i in range(1, 11) for d in (0, -2) if i != (i + d) % 10 + 1]
+    problem = listening(arcs, "y", n=10, gains={1: 5}, target=0)
+    found = dict(rows(problem, (F(1),) * 10))
+    assert sorted((row.gain, place.count) for row, place in found.items()) == [(0, 9), (5, 1)]
+    assert all(row.terms == (Term(0, F(2), F(2), F(0)),) for row in found)
+
+
+def test_terms_hold_weights_reach_and_step():
+    """Agent 3 (v = 5) hears 1 (v = 2) with weight 1/2 and 2 (v = 3) with weight 4; stretched by 2."""
+    problem = listening([[3, 1, "1/2"], [3, 2, 4]], "y", n=3, exceptions={(2, 1): "2*y"}, target=0)
+    ((row, place),) = rows(problem, fractions(2, 3, 5), agents=[2])
+    assert row.terms == (Term(0, F(1, 2), F(7), F(-3)), Term(1, F(4), F(8), F(-2)))
+    assert (place.agent, place.mode, place.count) == (2, "G", 1)
+    ((stretched, _),) = rows(problem, fractions(2, 3, 5), agents=[2], stretch=2)
+    assert stretched.terms == (Term(0, F(1, 2), F(9), F(-1)), Term(1, F(4), F(11), F(1)))
+    assert 7 <= largest_reach(problem, fractions(2, 3, 5))[0] < 7 + F(1, 10**12)
+    assert 8 <= largest_reach(problem, fractions(2, 3, 5))[1] < 8 + F(1, 10**12)
+
+
+SWITCHING = load_problem("paper-switching")
+W = SWITCHING.observer.W
+# Found by the design for the paper's W; five digits.
+V = fractions(1, 1.52644, 1.50285, 1.45348, 1.33998, 1, 1.52644, 1.50285, 1.45348, 1.33998)
+BOUND = ErrorBound(
+    P=((F("1.4005"), F("-0.5035")), (F("-0.5035"), F("0.6347"))), beta=F("1.58"), kappa=F("0.6333"), size=F("1.651")
+)
+CLAIM = Separable(v=V, alpha=F("0.0301"), rho=F("4.41"), error=BOUND)
+
+
+def test_the_papers_own_starts_are_covered_for_arbitrary_switching():
+    """Theory, known answers: rho = 4.41, alpha = 0.0301 for all four modes, [0, 5] about 1, |eps| <= 1/2."""
+    assert verify_composite(SWITCHING, W, CLAIM).verdict is Verdict.PROVED
+    assert covers(CLAIM, radius=F(4), disturbance=F(1, 2))
+    assert float(BOUND.kappa) * 0.5 * np.sqrt(float(BOUND.size)) == pytest.approx(0.406, rel=0.01)
+
+
+def test_a_little_more_of_anything_is_refuted():
+    """The twins: alpha 1 % larger, rho 1 % larger, v changed by 1 %."""
+    changes = {"alpha": CLAIM.alpha * F(101, 100)}, {"rho": F("4.4541")}, {"v": (*V[:2], V[2] * F(99, 100), *V[3:])}
+    for change in changes:
+        assert verify_composite(SWITCHING, W, replace(CLAIM, **change)).verdict is Verdict.REFUTED
+    assert not covers(CLAIM, radius=F("4.01"), disturbance=F(1, 2))
+    assert not covers(CLAIM, radius=F(4), disturbance=F("0.52"))
+
+
+def test_the_row_bound_is_sharp():
+    """c'c <= P for c = (1, 0) iff the Schur complement p11 - p12^2/p22 >= 1; beta = 0.1 leaves room elsewhere."""
+    exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]])
+    gain = ((F(0),), (F(0),))
+    for p11, holds in ((F(2), True), (F(2) - F(1, 10**30), False)):
+        bound = ErrorBound(P=((p11, F(1)), (F(1), F(1))), beta=F(1, 10), kappa=F(11), size=F(3))
+        assert (error_bound_obstacle(exosystem, gain, bound) is None) is holds
+
+
+def test_each_row_of_c_is_bounded_by_itself():
+    """C = I and P = I; with the smaller P only the second row fails."""
+    exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0], [0, 1]])
+    gain = ((F(0), F(0)), (F(0), F(0)))
+    unit = ((F(1), F(0)), (F(0), F(1)))
+    bound = ErrorBound(P=unit, beta=F(1), kappa=F(2), size=F(1))
+    assert error_bound_obstacle(exosystem, gain, bound) is None
+    small = replace(bound, P=((F(1), F(0)), (F(0), F("0.99"))))
+    assert error_bound_obstacle(exosystem, gain, small) == "P does not bound row 2 of C: c'c <= P fails."
+
+
+def test_kappa_has_to_exceed_one_over_beta_min_v():
+    edge = 1 / (BOUND.beta * CLAIM.least)
+    for kappa, verdict in ((edge, Verdict.REFUTED), (edge * F(1001, 1000), Verdict.PROVED)):
+        claim = replace(CLAIM, error=replace(BOUND, kappa=kappa))
+        assert verify_composite(SWITCHING, W, claim).verdict is verdict
+    assert composite_rate(replace(CLAIM, error=replace(BOUND, kappa=2 * edge))) == CLAIM.alpha
+    assert 0 < composite_rate(replace(CLAIM, error=replace(BOUND, kappa=edge * F(1001, 1000)))) < F("0.0016")
+
+
+def test_without_an_exosystem_v_is_n():
+    claim = Separable(v=(F(1),) * 10, alpha=F(5), rho=F(4))
+    assert verify_composite(cycle(gains=5), None, claim).verdict is Verdict.PROVED
+    assert composite_rate(claim) == 5
+    assert covers(claim, radius=F(4), disturbance=F(0))
+    assert not covers(claim, radius=F(4) + F(1, 10**20), disturbance=F(0))
+    claim = replace(claim, rho=None)  # without a radius everything is covered
+    assert verify_composite(cycle(gains=5, h="2*y"), None, claim).verdict is Verdict.PROVED
+    assert covers(claim, radius=F(10**9), disturbance=F(0))
+
+
+def test_with_an_exosystem_the_observers_part_is_required():
+    for gain, claim in ((None, CLAIM), (W, replace(CLAIM, error=None))):
+        assert verify_composite(SWITCHING, gain, claim).verdict is Verdict.UNDECIDED
+    with pytest.raises(SpecError, match="must be >= 0"):
+        covers(CLAIM, radius=F(-1), disturbance=F(0))
+
+
+def test_an_observer_that_diverges_is_refuted():
+    problem = cycle(exosystem=Exosystem(A=[[0]], C=[[1]]), observer=Observer(W=[[-1]]), gains=5)
+    bound = ErrorBound(P=((F(1),),), beta=F(1, 10), kappa=F(11), size=F(1))
+    claim = Separable(v=(F(1),) * 10, alpha=F(1), rho=F(1), error=bound)
+    assert verify_composite(problem, problem.observer.W, claim).verdict is Verdict.REFUTED
+    assert verify_composite(problem, ((F(1),),), claim).verdict is Verdict.PROVED

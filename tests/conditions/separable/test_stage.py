@@ -108,7 +108,7 @@ def test_linear_couplings_are_proved_from_everywhere_where_v_is_not_quadratic():
 
 def test_where_the_box_asked_for_is_too_large_the_largest_one_is_proved():
     """sin, one pin: pi/2 is the limit, and the whole stays undecided with both numbers in the sentence."""
-    problem = cycle(4, h="sin(y)", region=side(4))
+    problem = cycle(3, h="sin(y)", region=side(4))
     check = stage(problem)["max-separable"]
     assert check.verdict is PROVED
     assert 1.56 < check.domain["radius"] < np.pi / 2

@@ -73,12 +73,10 @@ def test_delayed_simulations_obey_the_rate(seed: int):
     bound = longest_delay(problem, claim, rate=claim.alpha / 2)
     tau, dt, rate = float(bound.delay), 1e-3, float(bound.rate)
     r, v = Random(seed), np.array([float(x) for x in claim.v])
-    arcs = [
-        (i, j, float(w), problem.coupling_of(i, j).numpy_function(), r.randint(0, int(tau / dt)))
-        for i, j, w in next(iter(problem.network.modes.values()))
-    ]
-    gains = float_gains(problem)
-    history = [v * np.array([r.choice((-1, 1)) for _ in v])] * (int(tau / dt) + 1)
+    gains, late = float_gains(problem), int(tau / dt)
+    mode = next(iter(problem.network.modes.values()))
+    arcs = [(i, j, float(w), problem.coupling_of(i, j).numpy_function(), r.randint(0, late)) for i, j, w in mode]
+    history = [v * np.array([r.choice((-1, 1)) for _ in v])] * (late + 1)
     for step in range(4000):
         e = history[-1]
         slope = -gains * e
@@ -99,7 +97,7 @@ def test_sampled_simulations_obey_the_period(seed: int):
     rng, v = np.random.default_rng(seed), np.array([float(x) for x in claim.v])
     gains = float_gains(problem)
     for arcs in problem.network.modes.values():
-        for _ in range(60):
+        for _ in range(30):
             level = float(claim.rho) * rng.uniform(0, 1)
             e = level * v * rng.choice((-1, 1, rng.uniform(-1, 1)), size=len(v))  # many on a face
             after = e * (1 - period * gains)
@@ -134,12 +132,6 @@ def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only():
     problem = pair("y/10 + clip(4*(y - 1/2), 0, 2) + clip(4*(y + 1/2), -2, 0)", k=1)
     claim = Separable(v=fractions(1, 2), alpha=F(1, 100), rho=F(1))
     assert largest_period(problem, claim).period == F("0.243902439")
-
-
-def test_a_longer_period_overshoots():
-    """The twin: e_1+ = (1 - 5 T) e_1 shrinks by 1 - T at T = 1/5, and by less soon after (1/3 is where it ends)."""
-    for period, holds in ((0.2, True), (0.34, False)):
-        assert (abs(1 - 5 * period) <= 1 - period) is holds
 
 
 def test_matrix_gains_and_couplings_that_do_not_apply_have_no_period():

@@ -23,7 +23,7 @@ from dobc_design.plotting.look import BLUE, DASHED, DOTTED, GREEN, INK, MUTED, P
 Array = NDArray[np.float64]
 Envelope = ArrayLike | Callable[[Array], Array]
 Run = Any  # a simulation.trajectory.Trajectory, or what has its arrays; that room rests on this one
-Runs = Any  # a simulation.ensemble.Ensemble
+Runs = Any  # a simulation.runs.Ensemble
 MOST_COMPONENTS = 3
 MOST_ESTIMATES = 3
 MOST_BOUNDS = 200  # points at which a certified bound is asked for

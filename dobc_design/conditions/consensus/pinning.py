@@ -269,7 +269,7 @@ def _alike(blocks: Blocks, chosen: Any) -> Array | None:
         if middle <= low or middle >= high or high <= low * (1 + 1e-6) or high < blocks.scale * 1e-9:
             break
         low, high = (low, middle) if does(middle) else (middle, high)
-    return high * chosen.astype(np.float64)
+    return np.asarray(high * chosen.astype(np.float64))
 
 
 def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None = None) -> Optimum | None:

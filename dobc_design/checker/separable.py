@@ -291,8 +291,8 @@ def linear_row(row: Row) -> bool:
 def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, mirrored: bool) -> bool:
     """One face of a row, on pieces of (0, rho]."""
     unit = max(Fraction(2**400), abs(row.c) / bottom, *(w for _, w, _ in row.terms)) / 2**400  # for huge ones
-    ends = {x for _, _, top in row.terms for x in (top + row.own, top - row.own)}
-    c, sides = enclosed(row.c / bottom / unit), {x: enclosed(Fraction(x, bottom)) for x in ends}
+    c = enclosed(row.c / bottom / unit)
+    sides = {x: enclosed(Fraction(x, bottom)) for _, _, v in row.terms for x in (v + row.own, v - row.own)}
     terms = [(curves[h, mirrored], enclosed(w / unit), sides[v + row.own], sides[v - row.own]) for h, w, v in row.terms]
 
     def settled(a: float, b: float) -> bool:

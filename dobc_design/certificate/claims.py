@@ -79,11 +79,8 @@ def reading_claims() -> Iterator[None]:
     try:
         yield
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        raise CertificateError(
-            f"a regional check of this certificate cannot be read ({type(error).__name__}: {str(error)[:100]}).",
-            key="checks",
-            cure="dobc verify says which.",
-        ) from error
+        what = f"a regional check of this certificate cannot be read ({type(error).__name__}: {str(error)[:100]})."
+        raise CertificateError(what, key="checks", cure="dobc verify says which.") from error
 
 
 def certified_period(problem: Problem, claims: Claims) -> Fraction | None:

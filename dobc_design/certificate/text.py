@@ -72,10 +72,8 @@ def read_claims(data: bytes) -> Claims:
         said = visible(str(error)[:300])
         raise CertificateError(f"the certificate cannot be read: {said}", cure="Make it again.") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, ArithmeticError) as error:
-        raise CertificateError(
-            f"the certificate cannot be read: {type(error).__name__}: {visible(str(error)[:200])}.",
-            cure="Make it again with `dobc certify`.",
-        ) from None
+        what = f"the certificate cannot be read: {type(error).__name__}: {visible(str(error)[:200])}."
+        raise CertificateError(what, cure="Make it again with `dobc certify`.") from None
 
 
 def _claims(document: dict[str, Any]) -> Claims:

@@ -76,8 +76,9 @@ class Problem:
         self.couplings = list(known.values())  # all different, h first
         self.kinked = any(coupling.kinked for coupling in self.couplings)
         self.domain = "global" if all(coupling.straight for coupling in self.couplings) else "consensus"
-        arcs = {mode.name: mode.arcs for mode in file.modes}
-        self.modes = {mode: [Arc(i, j, w, known[exceptions.get((i, j), h)]) for i, j, w in arcs[mode]] for mode in arcs}
+        self.modes = {
+            mode.name: [Arc(i, j, w, known[exceptions.get((i, j), h)]) for i, j, w in mode.arcs] for mode in file.modes
+        }
         need(0 < len(file.modes) == len(self.modes), "modes have to be different, and at least one")
         self.heard: dict[str, list[list[Arc]]] = {mode: [[] for _ in range(n)] for mode in self.modes}
         for mode, arc in ((mode, arc) for mode, arcs in self.modes.items() for arc in arcs):

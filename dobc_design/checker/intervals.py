@@ -246,7 +246,7 @@ def half_turn(bits: int) -> int:
 
 
 PI: Exact = between(
-    *(half_turn(PLACES[Fraction]) + slack for slack in (-(2**SLACK), 2**SLACK)), PLACES[Fraction], Fraction
+    half_turn(PLACES[Fraction]) - 2**SLACK, half_turn(PLACES[Fraction]) + 2**SLACK, PLACES[Fraction], Fraction
 )
 
 

@@ -306,7 +306,8 @@ def field(p: Problem, mode: str, claim: Any, costs: Matrix) -> Field:
     M = plus(product(product(P_e, costs), P_e), -1, plus(half, 1, transpose(half)))
     pairs = [(arc, arc.i * m + c, arc.j * m + c) for arc in p.modes[mode] for c in range(m)]
     arcs = [(Curve(arc.coupling, False), enclosed(arc.w), a, b) for arc, a, b in pairs]
-    return Field(*([[enclosed(x) for x in row] for row in X] for X in (M, P_e)), arcs)
+    first, second = ([[enclosed(x) for x in row] for row in X] for X in (M, P_e))
+    return Field(first, second, arcs)
 
 
 # --- every box

@@ -291,10 +291,9 @@ def linear_row(row: Row) -> bool:
 def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, mirrored: bool) -> bool:
     """One face of a row, on pieces of (0, rho]."""
     unit = max(Fraction(2**400), abs(row.c) / bottom, *(w for _, w, _ in row.terms)) / 2**400  # for huge ones
-    c, side = enclosed(row.c / bottom / unit), lambda x: enclosed(Fraction(x, bottom))
-    terms = [
-        (curves[h, mirrored], enclosed(w / unit), side(top + row.own), side(top - row.own)) for h, w, top in row.terms
-    ]
+    c = enclosed(row.c / bottom / unit)
+    sides = {x: enclosed(Fraction(x, bottom)) for _, _, v in row.terms for x in (v + row.own, v - row.own)}
+    terms = [(curves[h, mirrored], enclosed(w / unit), sides[v + row.own], sides[v - row.own]) for h, w, v in row.terms]
 
     def settled(a: float, b: float) -> bool:
         bounds = [(w, supremum(curve, p, q, a, b)) for curve, w, p, q in terms]

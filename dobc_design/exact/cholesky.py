@@ -307,12 +307,9 @@ def leaves_dominated_rest(S: Scaled, factor: IntegerFactor) -> bool:
 
 def low_directions(S: Scaled, eigenvectors: Floats) -> list[list[int]]:
     """Return D w for the columns w of ``eigenvectors`` (n, k), as integers: v'Mv is w'(D M D)w but for a factor."""
-    exponents = S.exponents.tolist()
-    lift = [max(exponents) - x for x in exponents]
-    return [
-        [int(x) << e for x, e in zip(np.rint(np.ldexp(w, _DIRECTION_BITS)).tolist(), lift, strict=True)]
-        for w in eigenvectors.T
-    ]
+    lift = (S.exponents.max() - S.exponents).tolist()
+    whole = np.rint(np.ldexp(eigenvectors.T, _DIRECTION_BITS)).tolist()
+    return [[int(x) << e for x, e in zip(w, lift, strict=True)] for w in whole]
 
 
 def _factor(A: Floats, shift: float) -> Floats | None:
@@ -352,21 +349,17 @@ def decide_lifted(
     Z = from_fmpq_mat(_solved(M, S, square, lift))
     unit = Fraction(1, 2**_LIFT_BITS)
     V = [[unit * x for x in row] for row in lift.tolist()]
+    pairs = [(a, b) for a in range(few) for b in range(a, few)]
     G = {
-        (a, b): (a == b) - sum((V[i][a] * Z[i][b] for i in range(S.size) if V[i][a]), Fraction(0))
-        for a in range(few)
-        for b in range(a, few)
+        (a, b): (a == b) - sum((v[a] * z[b] for v, z in zip(V, Z, strict=True) if v[a]), Fraction(0)) for a, b in pairs
     }
     found = bad_direction(SparseSymmetric(few, G), strict=strict)
     if found is None:
         return {}
     # With w'Gw <= 0 and v = -Z w: v'(D M D)v <= [v; w]'[[B, V], [V', I]][v; w] = w'Gw.
     exponents = S.exponents.tolist()
-    direction = {
-        i: Fraction(2) ** -exponents[i] * sum((row[b] * w for b, w in found.items()), Fraction(0))
-        for i, row in enumerate(Z)
-    }
-    return {i: x for i, x in direction.items() if x}
+    direction = [sum((row[b] * w for b, w in found.items()), Fraction(0)) for row in Z]
+    return {i: Fraction(2) ** -exponents[i] * x for i, x in enumerate(direction) if x}
 
 
 def _solved(M: SparseSymmetric | IntegerSymmetric, S: Scaled, square: Whole, lift: Whole) -> fmpq_mat:

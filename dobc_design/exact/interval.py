@@ -461,10 +461,8 @@ def discretise(A: Matrix, period: Fraction) -> Discretisation:
         except OverflowError as cause:
             raise SpecError("exp(A T) must be finite; A T is too large.", cure="Sample faster.") from cause
     rounded = [[Interval(lo, hi).rounded(2 * BITS) for lo, hi in row] for row in ends]
-    return Discretisation(
-        transition=tuple(tuple(row[:q]) for row in rounded),
-        mean=tuple(tuple(x * (1 / period) for x in row[q:]) for row in rounded),
-    )
+    mean = tuple(tuple(x * (1 / period) for x in row[q:]) for row in rounded)
+    return Discretisation(transition=tuple(tuple(row[:q]) for row in rounded), mean=mean)
 
 
 def interval_characteristic_polynomial(F: Sequence[Sequence[Interval]]) -> tuple[Interval, ...]:

@@ -35,13 +35,11 @@ def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matr
     for row in (row for row in rows if not _is_list(row)):
         raise wrong(name, f"must have lists as rows; got {str(row)[:40]!r} as one.", kind=ShapeError)
     require_shape(rows, (None, None), name=name)
-    return tuple(
-        tuple(
-            entry if type(entry) is Fraction else parse_number(entry, key=f"{name}[{i}][{j}]")
-            for j, entry in enumerate(row)
-        )
-        for i, row in enumerate(rows)
-    )
+
+    def read(entry: object, i: int, j: int) -> Fraction:
+        return entry if type(entry) is Fraction else parse_number(entry, key=f"{name}[{i}][{j}]")
+
+    return tuple(tuple(read(entry, i, j) for j, entry in enumerate(row)) for i, row in enumerate(rows))
 
 
 def shape(M: Matrix) -> tuple[int, int]:
@@ -128,11 +126,8 @@ def nullspace(M: Matrix) -> tuple[Vector, ...]:
     """
     reduced, pivots = row_echelon(M)
     row, columns = dict(zip(pivots, reduced, strict=True)), range(shape(M)[1])
-    return tuple(
-        tuple(-row[j][free] if j in row else Fraction(int(j == free)) for j in columns)
-        for free in columns
-        if free not in row
-    )
+    free = [k for k in columns if k not in row]
+    return tuple(tuple(-row[j][k] if j in row else Fraction(int(j == k)) for j in columns) for k in free)
 
 
 def is_symmetric(M: Matrix) -> bool:

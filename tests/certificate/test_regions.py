@@ -70,19 +70,14 @@ def max_separable(*, radius: float = 1.0, disturbance: float = 0.0, rate: float 
 
 
 def lure(*, radius: float, P_e: list[list[Any]], level: str = "1", rate: float = 1.0) -> Check:
+    weights = SparseSymmetric(1 + max(j for _, j, _ in P_e), {(i, j): Fraction(x) for i, j, x in P_e})
     return Check(
         id="lure",
         verdict=Verdict.PROVED,
         rate=rate,
         domain={"kind": "ball", "radius": radius, "disturbance": 0.0},
         reason="from every start in a ball V decays.",
-        claim=Lure(
-            P_e=SparseSymmetric(1 + max(j for _, j, _ in P_e), {(i, j): Fraction(x) for i, j, x in P_e}),
-            ranges=(),
-            radius=Fraction(1),
-            level=Fraction(level),
-            rate=Fraction(1),
-        ),
+        claim=Lure(P_e=weights, ranges=(), radius=Fraction(1), level=Fraction(level), rate=Fraction(1)),
     )
 
 
@@ -205,14 +200,7 @@ def test_with_a_disturbance_lemma_1_and_the_printed_matrix_are_left_to_the_list_
 
 def test_a_proof_for_every_start_needs_no_radius():
     linear = chain(coupling="2*y", region=asking([0, 2]))
-    everywhere = Check(
-        id="max-separable",
-        verdict=Verdict.PROVED,
-        domain="global",
-        rate=0.5,
-        reason="from every start V decays.",
-        claim=Values({"v": ["1", "2"], "alpha": "1/2", "rho": None}),
-    )
+    everywhere = dataclasses.replace(max_separable(rho=None), domain="global")
     claim = only(regions(linear, everywhere))
     assert (claim.kind, claim.box, claim.covers, claim.limit) == ("everywhere", None, True, "")
     assert claim.time is not None

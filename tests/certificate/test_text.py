@@ -178,11 +178,8 @@ def test_a_huge_file_is_refused_before_it_is_parsed(monkeypatch):
 
 def with_margin(text: str) -> tuple[bytes, Problem]:
     """One agent with the gain k = 1/10 + 1e-30, and a certificate with this margin; what is true is less than 2 k."""
-    problem = Problem(
-        network=Network.from_arcs([], arrow="listens_to", agents=1),
-        coupling="y",
-        gains={1: "100000000000000000000000000001e-30"},
-    )
+    alone = Network.from_arcs([], arrow="listens_to", agents=1)
+    problem = Problem(network=alone, coupling="y", gains={1: "100000000000000000000000000001e-30"})
     document = certificate_document(certify(problem).claims)
     lemma = next(check for check in document["checks"] if check["id"] == "lemma1")
     lemma["margin"] = "the margin"
@@ -254,15 +251,8 @@ def star_problem(leaves: int, digits: int) -> Problem:
 
 
 def vector_check(*values: str) -> Check:
-    return Check(
-        id="lemma1",
-        mode="G",
-        verdict=REFUTED,
-        domain="consensus",
-        reason="",
-        claim=Values({"unstable_roots": "0"}),
-        witness=Witness(kind="vector", labels=("1",), values=values),
-    )
+    parts = {"claim": Values({"unstable_roots": "0"}), "witness": Witness(kind="vector", labels=("1",), values=values)}
+    return Check(id="lemma1", mode="G", verdict=REFUTED, domain="consensus", reason="", **parts)
 
 
 @pytest.mark.parametrize("digits", [LONGEST, LONGEST + 1])

@@ -325,10 +325,8 @@ def test_what_one_program_refuses_the_other_refuses(id, problem, count):
         changed = mutate({"it": check}, seed, other={"it": document["checks"][0]}).get("it")
         if not isinstance(changed, dict) or changed == check:
             continue
-        mutant = document | {
-            "checks": [changed if each is check else each for each in document["checks"]],
-            "rate": changed.get("rate"),
-        }
+        checks = [changed if each is check else each for each in document["checks"]]
+        mutant = document | {"checks": checks, "rate": changed.get("rate")}
         package, lone = accepted_by(mutant, problem)
         assert package is lone, (seed, changed)
         refused += not package

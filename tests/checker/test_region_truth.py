@@ -143,12 +143,9 @@ def test_a_sampling_period_is_false_where_a_step_overshoots():
 
 
 def test_stuck_agents_are_stuck():
-    problem = Problem(
-        network=Network.from_arcs({"a": [[2, 1], [3, 2]], "b": [[2, 3], [3, 1]]}, arrow="listens_to", agents=3),
-        coupling=PAPER,
-        gains={1: 1},
-        target=0,
-    )
+    modes = {"a": [[2, 1], [3, 2]], "b": [[2, 3], [3, 1]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling=PAPER, gains={1: 1}, target=0)
     check = {"id": "max-separable", "verdict": "refuted", "domain": "consensus", "margin": None, "rate": None}
     for labels, true in ((["2", "3"], True), (["2"], False), (["1", "2"], False), ([], False)):
         witness = {"kind": "agents", "labels": labels}

@@ -433,11 +433,8 @@ def test_a_ramp_is_discretised_exactly():
     """exp([[0, 1], [0, 0]] T) = [[1, T], [0, 1]], mean [[1, T/2], [0, 1]]."""
     T = Fraction(3, 7)
     found = discretise(matrix([[0, 1], [0, 0]]), T)
-    for got, want in zip(
-        (*found.transition[0], *found.transition[1], *found.mean[0], *found.mean[1]),
-        (1, T, 0, 1, 1, T / 2, 0, 1),
-        strict=True,
-    ):
+    entries = (*found.transition[0], *found.transition[1], *found.mean[0], *found.mean[1])
+    for got, want in zip(entries, (1, T, 0, 1, 1, T / 2, 0, 1), strict=True):
         assert got.contains(Fraction(want))
         assert got.width < Fraction(1, 2**120)
 

@@ -20,14 +20,9 @@ WIDE = st.one_of(st.integers(-9, 9), st.integers(-(2**62), 2**62), st.integers(-
 
 
 def arrays(size, entries, denominator=1):
-    rows, columns, values = ([e[k] for e in entries] for k in range(3))
-    return IntegerSymmetric(
-        size=size,
-        rows=np.array(rows, dtype=int),
-        columns=np.array(columns, dtype=int),
-        values=np.array(values, dtype=object),
-        denominator=denominator,
-    )
+    rows, columns = (np.array([e[k] for e in entries], dtype=int) for k in (0, 1))
+    values = np.array([e[2] for e in entries], dtype=object)
+    return IntegerSymmetric(size=size, rows=rows, columns=columns, values=values, denominator=denominator)
 
 
 @given(SPARSE, st.lists(st.fractions(max_denominator=9), min_size=5, max_size=5))

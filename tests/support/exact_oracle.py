@@ -405,10 +405,8 @@ class Oracle:
             if value < -self.slack() or not self._reaches(check, value, v):
                 return ["v' Lambda v"]
             if id == "lemma1":
-                roots, claimed = (
-                    self.unstable_roots(mode) if self.exact_in(mode) else 0,
-                    number(exact["unstable_roots"]),
-                )
+                roots = self.unstable_roots(mode) if self.exact_in(mode) else 0
+                claimed = number(exact["unstable_roots"])
                 if claimed.denominator != 1 or not 0 <= claimed <= roots:
                     return ["unstable_roots"]
                 if number(exact.get("value", str(value))) > value + self.slack():

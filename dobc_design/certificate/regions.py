@@ -312,7 +312,7 @@ class _Gatherer:
             return ""
         reaches = largest_reach(self.problem, claim.v)
         for coupling, reach in zip(self.problem.couplings, reaches, strict=True):
-            if claim.rho is None or not reach or not coupling.by_component:
+            if not reach or not coupling.by_component:
                 continue
             try:
                 if profile(Curve(coupling.components[0]), claim.rho * reach).is_nondecreasing:

@@ -27,7 +27,7 @@ _DECIDED_IN: Final = {
     "schedule": ("conditions/schedule/decide.py",),
 }
 #: The file of the second program for a topic, where it is not one of the same name.
-_CHECKERS: Final = {"observer": "consensus", "boxes": "quadratic"}
+_CHECKERS: Final = {"observer": "consensus", "boxes": "quadratic", "equilibrium": "separable"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -10,7 +10,7 @@ import pytest
 from shown import html_report, markdown_report
 
 import dobc_design
-from dobc_design.checker.examine import FACTS, REGIONAL
+from dobc_design.checker.examine import OF_GROUPS, REGIONAL
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.report.checks import ALONE, VERIFY, reproduction, trace_section
@@ -30,7 +30,7 @@ def test_every_check_is_decided_in_modules_that_exist():
             assert (PACKAGE / name).is_file(), name
 
 
-@pytest.mark.parametrize("id", [*FACTS, *REGIONAL])
+@pytest.mark.parametrize("id", [*OF_GROUPS, *REGIONAL])
 def test_the_file_of_the_lone_checker_has_the_function_of_the_check(id: str):
     text = (PACKAGE / KINDS[id].checker).read_text("utf-8")
     assert f"\ndef {id.replace('-', '_')}(" in text

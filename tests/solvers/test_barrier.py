@@ -106,7 +106,7 @@ def test_the_float_loop_is_the_exact_one_rounded(seed):
                 A[i, j] = float(value)
         assert np.allclose(mode.A, A)
         widths = {(c.target, c.plus, c.minus): float(c.spread) for c in sectors.modes[mode.name]}
-        places = list(zip(mode.target.tolist(), mode.plus.tolist(), mode.minus.tolist(), strict=True))
+        places = list(zip(*(part.tolist() for part in mode.where), strict=True))
         assert np.allclose(mode.d, [widths.get(place, 0.0) for place in places], atol=1e-8)
         assert {place for place, width in widths.items() if width} <= set(places)
 

@@ -150,7 +150,11 @@ def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
 def test_certify_proves_without_eigenvalues(monkeypatch, cycle):
     """No estimate of lambda_max and no solver: margins are lost, the verdict is not."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing(RuntimeError("x")))
-    monkeypatch.setattr(estimates, "_dense", lambda matrix: None)
+
+    def fail(*arguments: object, **settings: object) -> None:
+        raise np.linalg.LinAlgError("x")
+
+    monkeypatch.setattr(estimates.linalg, "eigh", fail)
     assert decided(cycle(4)).check("lemma1").margin == 0
 
 

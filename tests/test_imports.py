@@ -48,11 +48,5 @@ def test_asking_for_help_loads_no_heavy_package():
     assert heavy_packages_after(HELP) == []
 
 
-def test_help_names_the_program_and_its_commands():
-    text = run(HELP).stdout
-    assert "dobc" in text
-    assert "certify" in text
-
-
 def test_a_heavy_package_would_be_noticed():
     assert heavy_packages_after("import sympy") == ["sympy"]

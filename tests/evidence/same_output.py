@@ -121,33 +121,25 @@ def random_text(seed: int) -> str:
     return text_of(tables)
 
 
-def small_text(name: str, h: str, gains: object, starts: list[int]) -> str:
-    """Two agents that listen to each other."""
-    return text_of(
-        {
-            "": {"name": name},
-            "network": {"agents": 2, "arrow": "listens_to"},
-            "network.modes": {"a": [[1, 2], [2, 1]]},
-            "coupling": {"h": h},
-            "pinning": {"gains": gains},
-            "region": {"initial_states": starts},
-        }
-    )
+def fixed_text(name: str, arcs: list[list[int]], h: str, gains: object, starts: list[int], *, observed: bool) -> str:
+    """Agents on these arcs with a region; ``observed``: a disturbance too, and the target 1."""
+    tables: dict[str, dict[str, object]] = {
+        "": {"name": name, "target": 1} if observed else {"name": name},
+        "network": {"agents": len(arcs), "arrow": "listens_to"},
+        "network.modes": {"ring" if observed else "a": arcs},
+        "coupling": {"h": h},
+        "pinning": {"gains": gains},
+    }
+    if observed:
+        tables["exosystem"] = {"A": [[0, 2], [-2, 0]], "C": [[1, 0]]}
+    tables["region"] = {"initial_states": starts} | ({"initial_disturbance": 0.1} if observed else {})
+    return text_of(tables)
 
 
 def ring_text(n: int, h: str, *, every: int) -> str:
-    """A large ring with a pin at every so many agents and a region."""
-    return text_of(
-        {
-            "": {"name": f"ring-{n}", "target": 1},
-            "network": {"agents": n, "arrow": "listens_to"},
-            "network.modes": {"ring": [[i, i % n + 1] for i in range(1, n + 1)]},
-            "coupling": {"h": h},
-            "pinning": {"gains": dict.fromkeys(range(1, n + 1, every), 3)},
-            "exosystem": {"A": [[0, 2], [-2, 0]], "C": [[1, 0]]},
-            "region": {"initial_states": [0, 2], "initial_disturbance": 0.1},
-        }
-    )
+    """A large ring with a pin at every so many agents."""
+    arcs = [[i, i % n + 1] for i in range(1, n + 1)]
+    return fixed_text(f"ring-{n}", arcs, h, dict.fromkeys(range(1, n + 1, every), 3), [0, 2], observed=True)
 
 
 def problems() -> dict[str, str]:
@@ -156,8 +148,8 @@ def problems() -> dict[str, str]:
         "ring-300": ring_text(300, "tanh(y)", every=3),
         "ring-2500": ring_text(2500, "exp(y) - 1 + y", every=5),
         "ring-150-sin": ring_text(150, "sin(y)", every=1),
-        "equilibrium": small_text("equilibrium", "sin(y)", {1: "1/10"}, [-5, 5]),
-        "boxes": small_text("boxes", "exp(y) - 1 + y", 3, [-3, 3]),
+        "equilibrium": fixed_text("equilibrium", [[1, 2], [2, 1]], "sin(y)", {1: "1/10"}, [-5, 5], observed=False),
+        "boxes": fixed_text("boxes", [[1, 2], [2, 1]], "exp(y) - 1 + y", 3, [-3, 3], observed=False),
     }
 
 
@@ -243,16 +235,12 @@ def compare(before: Path, after: Path) -> int:
     names = {path.relative_to(folder) for folder in (before, after) for path in folder.rglob("*") if path.is_file()}
     names = {name for name in names if name.suffix not in (".html", ".npz", ".pdf", ".svg")}
     ran = {path.name for path in after.iterdir()}
-    wrong = [
-        str(name)
-        for name in sorted(names)
-        if name.parts[0] in ran
-        and not (
-            (before / name).exists()
-            and (after / name).exists()
-            and without_modules(before / name) == without_modules(after / name)
-        )
-    ]
+
+    def same(name: Path) -> bool:
+        old, new = before / name, after / name
+        return old.exists() and new.exists() and without_modules(old) == without_modules(new)
+
+    wrong = [str(name) for name in sorted(names) if name.parts[0] in ran and not same(name)]
     sys.stdout.write("".join(f"differs: {name}\n" for name in wrong))
     sys.stdout.write(f"{len(names)} files of {len(ran)} commands, {len(wrong)} differ\n")
     return len(wrong)

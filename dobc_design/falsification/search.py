@@ -366,7 +366,7 @@ logger = logging.getLogger("dobc_design")
 STARTS, LEAST_STARTS = 48, 8  # of each kind: shared among the modes at most, in every mode at least
 MOST_ROWS, MOST_ARCS = 1500, 60_000  # starts of one kind times rows, or times arcs: a second or so in all
 MOST_PROVED = 4  # roots of one mode for which a proof is tried, the nearest to the target first
-TOLERANCE = 1e-6  # of the runs, whose ends are only points to begin with
+ROUGH = 1e-6  # tolerance of the runs, whose ends are only points to begin with
 SAMPLES = 21
 STEPS = 60
 CLOSE = 1e-11  # |F|_inf of a root, relative to the slopes and to the size of e
@@ -400,7 +400,7 @@ def _nearest(problem: Problem, seed: int) -> Equilibrium | None:
     for number, mode in enumerate(arena.modes):
         e = np.concatenate([box.draw(rng, count, kind)[0] for kind in (sets.CORNERS, sets.RANDOM)], axis=1)
         none, constant = np.zeros((problem.n, problem.q, 2 * count)), sets.constant_signals(np.full(2 * count, number))
-        runs = sets.run_starts(arena, e, none, constant, horizon=horizon, tolerance=TOLERANCE, samples=SAMPLES)
+        runs = sets.run_starts(arena, e, none, constant, horizon=horizon, tolerance=ROUGH, samples=SAMPLES)
         points = [*runs.ends.T[runs.stalled & ~runs.diverged], *e.T]
         found += proved_equilibria(problem, mode, points, starts=box, within_region=True, most=1)
     return min(found, key=lambda claim: float(np.max(np.abs(point_of(claim)))), default=None)

@@ -186,13 +186,13 @@ def stacked(count: int, seed: int) -> Row:
             "samples": 14,
             "stress": random_stress(rng, problem),
         }
-        many = simulate_many(problem, runs=2, seed=number, states=True, **given)
+        many = simulate_many(problem, runs=2, seed=number, **given)
         alone += "side by side" not in many.method
         for row in range(2):
             run = simulate(problem, seed=number + row, **given)
             kept = int(np.searchsorted(many.times, run.times[-1], side="right"))
             gap = max(
-                np.abs(many.states[row, :kept] - run.x[:kept]).max() / (1 + np.abs(run.x).max()),
+                np.abs(many.error[row, :kept] - run.error()[:kept]).max() / (1 + np.abs(run.x).max()),
                 np.abs(many.estimation_error[row, :kept] - run.estimation_error()[:kept]).max()
                 / (1 + np.abs(run.d).max()),
             )

@@ -80,6 +80,7 @@ def _settings() -> dict[str, Document]:
         "second": {"region": asked(5)},
         "second, moved": {"target": 10, "region": asked([5, 15])},
         "second, far": {"target": 10, "region": asked(5)},
+        "second, unobserved": {"exosystem": scalar(0, 0), "region": asked(5, "1/2")},
     }
     found = {
         "pair": given("exp(y) - 1 + y"),
@@ -455,6 +456,7 @@ def _bent_equilibria() -> Iterator[Case]:
     yield case("second", FAILS, changed(good, box=target, witness=witness), **REFUTED, what="the target")
     yield case("second", FAILS, second_box("1.7"), **REFUTED, what="the target in the box")
     yield case("second", FAILS, good, **UNDECIDED, what="the verdict")
+    yield case("second, unobserved", FAILS, good, **REFUTED, what="no observer gain")
     yield from bents("second", good, {"rate": 1}, {"margin": 0}, {"mode": "H"}, {"domain": box(1)}, **REFUTED)
     yield case("second", FAILS, changed(good, verdict="proved"), **UNDECIDED, what="proved")
     witness = good["witness"] | {"values": [x[:-1] for x in good["witness"]["values"]]}

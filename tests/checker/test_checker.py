@@ -13,24 +13,29 @@ from certified import certified
 from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, alone, bend, cases, check, misjudged, outcome
 from checker_mutants import FILES, removals
 from checker_removals import EQUIVALENT, noticed_by
+from region_oracle import Regions
 
-from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certificate.text import certificate_bytes, certificate_document
 from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck, verify_twice
 from dobc_design.checker import examine as checker
 from dobc_design.checker.__main__ import main
-from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.numbers import claimed
+from dobc_design.problem.canonical import canonical_bytes, canonical_document
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
 
 PAPER_W, PAPER_P = [["16/5"], ["12/5"]], [["1/2", "-1/4"], ["-1/4", "1/3"]]
 
 
 @pytest.mark.parametrize("name", builtin_names())
 def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path, name):
+    """The paper's own starts [0, 5] for arbitrary switching; regions also by an oracle that shares no code."""
     problem = load_problem(name)
     certificate = certified(name)
     assert certificate.problem == problem
@@ -40,6 +45,18 @@ def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path
     lines = done.stdout.splitlines()
     assert lines[-1] == "Every claim holds."
     assert sum(line.startswith("holds") for line in lines) == len(certificate.checks) + 4
+    if problem.region is None:
+        return
+    assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "max-separable")
+    covering = certificate.check("max-separable")
+    assert claimed(covering.domain["radius"]) >= max(asked_radius(problem))
+    assert claimed(covering.domain["disturbance"]) >= problem.region.initial_disturbance
+    assert certificate.rate == covering.rate
+    document = json.loads(json.dumps(certificate_document(certificate.claims)))
+    truth = Regions(canonical_document(problem), document["observer"]["W"])
+    for each in document["checks"]:
+        if each["id"] in ("max-separable", "delay", "sampling"):
+            assert truth.false(each, document, "consensus") == []
 
 
 def test_every_case_gets_its_exit_code():

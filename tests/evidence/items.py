@@ -38,25 +38,25 @@ class Item:
 ITEMS = (
     Item(name="jacobians", run=jacobians.run, count=200, seed=4000),
     Item(name="bad-files", run=bad_files.run, count=10_000, seed=5000),
-    Item(name="recheck", run=certificates.recheck, count=500, seed=6000, share=20),
-    Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000, share=20),
+    Item(name="recheck", run=certificates.recheck, count=500, seed=6000, share=40),
+    Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000, share=40),
     Item(name="groups-recheck", run=certificates.groups_recheck, count=200, seed=6000, share=20),
     Item(name="groups-mutants", run=certificates.groups_mutants, count=4000, seed=6000, share=20),
-    Item(name="removals", run=certificates.removals, count=300, seed=0, share=20),
-    Item(name="region-recheck", run=certificates.region_recheck, count=60, seed=0, share=30),
+    Item(name="removals", run=certificates.removals, count=300, seed=0, share=40),
+    Item(name="region-recheck", run=certificates.region_recheck, count=60, seed=0, share=40),
     Item(name="region-mutants", run=certificates.region_mutants, count=2000, seed=3, share=40),
-    Item(name="known-regions", run=certificates.regions, count=100, seed=0),
-    Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000),
-    Item(name="decision", run=certificates.decision, count=200, seed=6000, share=20),
+    Item(name="known-regions", run=certificates.regions, count=100, seed=0, share=20),
+    Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000, share=20),
+    Item(name="decision", run=certificates.decision, count=200, seed=6000, share=40),
     Item(name="outside", run=certificates.outside, count=300, seed=6000),
-    Item(name="kills", run=robustness.kills, count=200, seed=8000),
+    Item(name="kills", run=robustness.kills, count=200, seed=8000, share=25),
     Item(name="writers", run=robustness.writers, count=200, seed=8000),
-    Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000),
-    Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000),  # the count is seconds of CPU time
-    Item(name="cures", run=certificates.cures, count=500, seed=8000, share=20),
-    Item(name="decided", run=certificates.decided, count=500, seed=9000, share=20),
-    Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=20),  # points
-    Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=40),  # the count is starts
+    Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=15),
+    Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=20),  # the count is seconds of CPU time
+    Item(name="cures", run=certificates.cures, count=500, seed=8000, share=40),
+    Item(name="decided", run=certificates.decided, count=500, seed=9000, share=60),
+    Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=40),  # points
+    Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=80),  # the count is starts
     Item(name="pins", run=pinning.choices, count=100, seed=9500),
     Item(name="optimal", run=optimal.pinning, count=10_000, seed=9700),
     Item(name="optimal-boxes", run=optimal.boxes, count=10_000, seed=9750),
@@ -67,6 +67,6 @@ ITEMS = (
     Item(name="sampled-runs", run=simulations.sampled, count=300, seed=9200),
     Item(name="stressed-runs", run=simulations.stressed, count=300, seed=9300),
     Item(name="stacked-runs", run=simulations.stacked, count=150, seed=9350),
-    Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400, share=20),
-    Item(name="sweep", run=sweeps.run, count=2000, seed=0),
+    Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400, share=40),
+    Item(name="sweep", run=sweeps.run, count=2000, seed=0, share=20),
 )

@@ -1,4 +1,4 @@
-"""A seeded tenth of what `make evidence` counts, a twentieth to a fortieth of what takes minutes, item by item."""
+"""A seeded share of what `make evidence` counts (see ``Item.share``), item by item."""
 
 from __future__ import annotations
 

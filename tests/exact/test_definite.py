@@ -18,15 +18,6 @@ from hypothesis import strategies as st
 
 from dobc_design import exact
 from dobc_design.errors import CertificateError, ShapeError, SpecError
-from dobc_design.exact import (
-    IntegerSymmetric,
-    SparseSymmetric,
-    decide_positive_definite,
-    decide_positive_semidefinite,
-    definiteness,
-    from_float,
-    multiply,
-)
 from dobc_design.exact.cholesky import (
     Scaled,
     bad_direction,
@@ -40,8 +31,8 @@ from dobc_design.exact.matrix import matrix
 from dobc_design.exact.zmatrix import proves, search
 from dobc_design.verdict import Verdict
 
-IDENTITY = SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)})
-SINGULAR = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-1), (1, 1): Fraction(1)})
+IDENTITY = exact.SparseSymmetric(2, {(0, 0): Fraction(1), (1, 1): Fraction(1)})
+SINGULAR = exact.SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-1), (1, 1): Fraction(1)})
 
 
 def test_a_direction_that_does_not_refute_is_never_returned():
@@ -72,16 +63,16 @@ PROVED, REFUTED = Verdict.PROVED, Verdict.REFUTED
 def gram(n, columns, *, seed=0):
     """G G' with small integers in G (n, columns)."""
     G = np.random.default_rng(seed).integers(-3, 4, (n, columns))
-    return from_float((G @ G.T).astype(float), None)
+    return exact.from_float((G @ G.T).astype(float), None)
 
 
 def band(n, diagonal, beside):
     entries = {(i, i): Fraction(diagonal) for i in range(n)} | {(i, i + 1): Fraction(beside) for i in range(n - 1)}
-    return SparseSymmetric(n, entries)
+    return exact.SparseSymmetric(n, entries)
 
 
 def value_of(M, v):
-    return multiply((tuple(v),), multiply(M, tuple((x,) for x in v)))[0][0]
+    return exact.multiply((tuple(v),), exact.multiply(M, tuple((x,) for x in v)))[0][0]
 
 
 def assert_refutes(M, decision, *, strict):
@@ -105,7 +96,7 @@ SYMMETRIC = st.lists(st.integers(-3, 6), min_size=10, max_size=10).map(
 def test_small_matrices_agree_with_sylvesters_criterion(M):
     """Oracle: SymPy's leading minors, and all principal minors for the weak form."""
     S = sympy.Matrix([[int(x) for x in row] for row in M])
-    strict, weak = decide_positive_definite(M), decide_positive_semidefinite(M)
+    strict, weak = exact.decide_positive_definite(M), exact.decide_positive_semidefinite(M)
     assert (strict.verdict is PROVED) == all(S[:k, :k].det() > 0 for k in range(1, 5))
     subsets = [[i for i in range(4) if bits >> i & 1] for bits in range(1, 16)]
     assert (weak.verdict is PROVED) == all(S.extract(p, p).det() >= 0 for p in subsets)
@@ -118,42 +109,45 @@ def test_small_matrices_agree_with_sylvesters_criterion(M):
 def test_a_zero_pivot_with_a_full_row_has_a_strictly_negative_witness():
     """Semidefinite: a zero on the diagonal asks for a zero row."""
     M = matrix([[0, 1], [1, 5]])
-    assert_refutes(M, decide_positive_semidefinite(M), strict=False)
-    assert decide_positive_semidefinite(matrix([[0, 0], [0, 5]])).verdict is PROVED
+    assert_refutes(M, exact.decide_positive_semidefinite(M), strict=False)
+    assert exact.decide_positive_semidefinite(matrix([[0, 0], [0, 5]])).verdict is PROVED
     hidden = matrix([[1, 1, 0], [1, 1, 1], [0, 1, 9]])
-    assert_refutes(hidden, decide_positive_semidefinite(hidden), strict=False)
+    assert_refutes(hidden, exact.decide_positive_semidefinite(hidden), strict=False)
 
 
 def test_the_directed_ten_cycle_without_pins_is_refuted_by_all_ones():
     """Theory, section 9: none pinned, lambda_max = 0, witness v = 1."""
-    cycle = band(10, 4, -2) + SparseSymmetric(10, {(0, 9): Fraction(-2)})
-    decision = decide_positive_definite(cycle)
+    cycle = band(10, 4, -2) + exact.SparseSymmetric(10, {(0, 9): Fraction(-2)})
+    decision = exact.decide_positive_definite(cycle)
     assert decision.witness == (Fraction(1),) * 10
     assert decision.value == 0
-    assert decide_positive_definite(cycle + SparseSymmetric(10, {(0, 0): Fraction(1, 10**9)})).verdict is PROVED
+    assert (
+        exact.decide_positive_definite(cycle + exact.SparseSymmetric(10, {(0, 0): Fraction(1, 10**9)})).verdict
+        is PROVED
+    )
 
 
 def test_the_ten_cycle_with_one_pin_has_its_printed_eigenvalue():
     """Theory, section 9: one pin k = 3 gives lambda_max(Lambda) = -0.153544."""
-    cycle = band(10, 4, -2) + SparseSymmetric(10, {(0, 9): Fraction(-2), (0, 0): Fraction(6)})
-    assert decide_positive_definite(cycle.shifted(Fraction("-0.153543"))).verdict is PROVED
-    assert decide_positive_definite(cycle.shifted(Fraction("-0.153545"))).verdict is REFUTED
+    cycle = band(10, 4, -2) + exact.SparseSymmetric(10, {(0, 9): Fraction(-2), (0, 0): Fraction(6)})
+    assert exact.decide_positive_definite(cycle.shifted(Fraction("-0.153543"))).verdict is PROVED
+    assert exact.decide_positive_definite(cycle.shifted(Fraction("-0.153545"))).verdict is REFUTED
 
 
 def test_the_papers_p_is_definite_and_its_determinant_is_five_48ths():
     """Theory, section 9: det P = 5/48; making the last entry smaller by (5/48)/(1/2) makes it singular."""
     P = matrix([["1/2", "-1/4"], ["-1/4", "1/3"]])
     assert P[0][0] * P[1][1] - P[0][1] * P[1][0] == Fraction(5, 48)
-    assert decide_positive_definite(P).verdict is PROVED
+    assert exact.decide_positive_definite(P).verdict is PROVED
     edge = matrix([["1/2", "-1/4"], ["-1/4", Fraction(1, 3) - Fraction(5, 24)]])
-    decision = decide_positive_definite(edge)
+    decision = exact.decide_positive_definite(edge)
     assert (decision.verdict, decision.witness, decision.value) == (REFUTED, (Fraction(1), Fraction(2)), Fraction(0))
-    assert decide_positive_semidefinite(edge).verdict is PROVED
+    assert exact.decide_positive_semidefinite(edge).verdict is PROVED
 
 
 def test_a_readable_witness_is_preferred():
     """Strictly negative forms leave room for rounding: no entry beyond 4 bits is needed here."""
-    decision = decide_positive_definite(band(40, "19/10", -1))
+    decision = exact.decide_positive_definite(band(40, "19/10", -1))
     assert decision.value < 0
     assert max(abs(x) for x in decision.witness) <= 16
 
@@ -168,12 +162,12 @@ def test_a_readable_witness_is_preferred():
         np.array([[2.0, 0.1], [0.1, 2.0]], dtype=np.float32),
         np.array([["2", Fraction(1)], [1, 2]], dtype=object),
         list(np.array([[2.0, 0.1], [0.1, 2.0]])),
-        SparseSymmetric(2, {(0, 0): Fraction(2), (0, 1): Fraction(1), (1, 1): Fraction(2)}),
+        exact.SparseSymmetric(2, {(0, 0): Fraction(2), (0, 1): Fraction(1), (1, 1): Fraction(2)}),
         [],
         (),
         np.zeros((0, 0)),
-        SparseSymmetric(0, {}),
-        IntegerSymmetric(size=2, rows=np.array([0, 1]), columns=np.array([0, 1]), values=np.array([1, 2])),
+        exact.SparseSymmetric(0, {}),
+        exact.IntegerSymmetric(size=2, rows=np.array([0, 1]), columns=np.array([0, 1]), values=np.array([1, 2])),
         np.eye(20),
         np.eye(20, dtype=np.float32) * 1e-40,
         np.diag([5e-324] * 10 + [1.7e308] * 10),
@@ -188,8 +182,8 @@ def test_definiteness_takes_every_kind_of_matrix(given_matrix):
 def test_a_numpy_float_is_its_binary_value_and_a_listed_one_its_decimal_text():
     """0.1 + 0.2 > 0.3 in binary: [[0.1 + 0.2, ...]] tells the two readings apart."""
     entries = [[0.1, 0.3], [0.3, 0.9]]
-    assert definiteness(entries) is REFUTED  # 1/10 * 9/10 = (3/10)^2: singular
-    assert definiteness(np.array(entries)) is PROVED  # binary 0.1 * 0.9 > 0.3^2
+    assert exact.definiteness(entries) is REFUTED  # 1/10 * 9/10 = (3/10)^2: singular
+    assert exact.definiteness(np.array(entries)) is PROVED  # binary 0.1 * 0.9 > 0.3^2
     assert Fraction(0.1) * Fraction(0.9) > Fraction(0.3) ** 2
 
 
@@ -205,7 +199,7 @@ def test_a_numpy_float_is_its_binary_value_and_a_listed_one_its_decimal_text():
 def test_what_is_not_square_and_symmetric_is_refused(bad):
     """np.linalg.cholesky accepts non-symmetric input; this must not."""
     with pytest.raises(ShapeError, match="must"):
-        definiteness(bad)
+        exact.definiteness(bad)
 
 
 @pytest.mark.parametrize(
@@ -219,7 +213,7 @@ def test_what_is_not_square_and_symmetric_is_refused(bad):
 def test_what_is_no_number_is_refused(bad):
     """np.linalg.cholesky accepts inf and nan; this must not."""
     with pytest.raises(SpecError, match="must"):
-        definiteness(bad)
+        exact.definiteness(bad)
 
 
 @pytest.mark.parametrize(
@@ -239,16 +233,16 @@ def test_what_is_no_number_is_refused(bad):
 )
 def test_the_answer_says_which_path_gave_it_and_for_what_size(M, named):
     """The table in the module docstring, row by row."""
-    method = decide_positive_definite(M).method
+    method = exact.decide_positive_definite(M).method
     assert any(part in method for part in named.split("|"))
 
 
-def signed_ring(size: int) -> SparseSymmetric:
+def signed_ring(size: int) -> exact.SparseSymmetric:
     """2 on the diagonal and a ring of ones, one of them -1: eigenvalues 2 + 2 cos((2 k + 1) pi / size).
 
     For even sizes the least one is positive, but without the signs it would be 0: no v > 0 shows it.
     """
-    return band(size, 2, 1) + SparseSymmetric(size, {(0, size - 1): Fraction(-1)})
+    return band(size, 2, 1) + exact.SparseSymmetric(size, {(0, size - 1): Fraction(-1)})
 
 
 @pytest.mark.parametrize(
@@ -256,20 +250,20 @@ def signed_ring(size: int) -> SparseSymmetric:
     [(2002, 100, Verdict.UNDECIDED), (2002, 10**7, PROVED), (2002, None, PROVED), (2001, 10**7, REFUTED)],
 )
 def test_a_large_sparse_matrix_is_left_undecided_only_by_a_bound_of_its_work(size, work, verdict):
-    found = decide_positive_definite(signed_ring(size), most_work=work)
+    found = exact.decide_positive_definite(signed_ring(size), most_work=work)
     assert found.verdict is verdict
     assert ("stopped at pivot" in found.method) is (verdict is Verdict.UNDECIDED)
 
 
 def test_up_to_2000_rows_no_bound_leaves_anything_undecided():
-    assert decide_positive_definite(signed_ring(100), most_work=1).verdict is Verdict.PROVED
+    assert exact.decide_positive_definite(signed_ring(100), most_work=1).verdict is Verdict.PROVED
 
 
 # All paths on the same random rational matrices; the oracle is flint's characteristic polynomial: real roots only, so
 # det(sI - M) = sum c_k s^k has only positive roots iff the signs of the c_k alternate strictly.
 
 
-def oracle(M: SparseSymmetric) -> tuple[bool, bool]:
+def oracle(M: exact.SparseSymmetric) -> tuple[bool, bool]:
     """Whether M > 0 and whether M >= 0."""
     whole = [flint.fmpq(x.numerator, x.denominator) for row in M.to_dense() for x in row]
     coefficients = flint.fmpq_mat(M.size, M.size, whole).charpoly().coeffs()
@@ -278,7 +272,7 @@ def oracle(M: SparseSymmetric) -> tuple[bool, bool]:
 
 
 @st.composite
-def matrices(draw: st.DrawFn) -> SparseSymmetric:
+def matrices(draw: st.DrawFn) -> exact.SparseSymmetric:
     """Gram matrices of any rank, shifted by little or nothing, some scaled badly, some Z-matrices; 2 to 24 rows."""
     n = draw(st.integers(2, 24))
     r = np.random.default_rng(draw(st.integers(0, 2**32)))
@@ -295,16 +289,16 @@ def matrices(draw: st.DrawFn) -> SparseSymmetric:
     D = [Fraction(2) ** int(k) for k in r.integers(-20, 20, n)] if draw(st.booleans()) else [Fraction(1)] * n
     places = [(i, j) for i in range(n) for j in range(i, n)]
     entries = {(i, j): D[i] * D[j] * (Fraction(whole[i][j], denominator) + (i == j) * shift) for i, j in places}
-    return SparseSymmetric(n, entries)
+    return exact.SparseSymmetric(n, entries)
 
 
 @settings(max_examples=80, deadline=None)
 @given(matrices())
-def test_no_path_contradicts_the_characteristic_polynomial(M: SparseSymmetric):
+def test_no_path_contradicts_the_characteristic_polynomial(M: exact.SparseSymmetric):
     """Paths that decide agree with the oracle; those that may pass on do not contradict it."""
     definite, semidefinite = oracle(M)
-    for form in (M, IntegerSymmetric.from_sparse(M)):
-        strict, weak = decide_positive_definite(form), decide_positive_semidefinite(form)
+    for form in (M, exact.IntegerSymmetric.from_sparse(M)):
+        strict, weak = exact.decide_positive_definite(form), exact.decide_positive_semidefinite(form)
         assert strict.verdict is (PROVED if definite else REFUTED)
         assert weak.verdict is (PROVED if semidefinite else REFUTED)
         assert decide_quickly(form).verdict is not (REFUTED if definite else PROVED)
@@ -321,7 +315,7 @@ def test_no_path_contradicts_the_characteristic_polynomial(M: SparseSymmetric):
     assert_cautious_paths(M, definite=definite, semidefinite=semidefinite)
 
 
-def assert_cautious_paths(M: SparseSymmetric, *, definite: bool, semidefinite: bool) -> None:
+def assert_cautious_paths(M: exact.SparseSymmetric, *, definite: bool, semidefinite: bool) -> None:
     S = scaled(M)
     if isinstance(S, Scaled):
         assert definite or not (shifted_cholesky(S) or proves_by_integers(S))
@@ -374,8 +368,8 @@ def test_no_path_is_wrong_at_the_edge(name: str):
 def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
     """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python integers."""
     for small, table in edges()[:240] + edges()[240::7]:  # of 64 rows, a few of each sign
-        M = IntegerSymmetric.from_floats(table)
-        strict, weak = decide_positive_definite(M), decide_positive_semidefinite(M)
+        M = exact.IntegerSymmetric.from_floats(table)
+        strict, weak = exact.decide_positive_definite(M), exact.decide_positive_semidefinite(M)
         assert (weak.verdict is PROVED) == (small >= 0)
         whole = [[Fraction(x) for x in row] for row in table.tolist()]
         for decision, bound in ((strict, 0), (weak, -1)):
@@ -404,7 +398,7 @@ def test_z_matrices_at_the_edge(size: int):
             matrix = z_edge_matrix(size, small)
             assert matrix is not None
             assert by_vector(matrix) is truth(small)
-            weak = decide_positive_semidefinite(IntegerSymmetric.from_floats(matrix))
+            weak = exact.decide_positive_semidefinite(exact.IntegerSymmetric.from_floats(matrix))
             assert (weak.verdict is PROVED) == (small >= 0)
 
 

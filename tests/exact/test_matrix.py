@@ -12,26 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import linalg
 
+from dobc_design import exact
 from dobc_design._checks import require_shape, require_square
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact import (
-    add,
-    from_float,
-    identity,
-    inverse,
-    is_symmetric,
-    kronecker,
-    multiply,
-    nullspace,
-    rank,
-    row_echelon,
-    scale,
-    shape,
-    subtract,
-    to_float,
-    transpose,
-    zeros,
-)
 from dobc_design.exact.matrix import matrix, solve_lyapunov
 
 ENTRIES = st.sampled_from([Fraction(0), Fraction(1), Fraction(-1), Fraction(2), Fraction(1, 2), Fraction(-5, 3)])
@@ -72,12 +55,12 @@ def test_a_bad_entry_is_named_by_its_place():
 @settings(max_examples=60, deadline=None)
 @given(matrices(3, 4), matrices(4, 2), matrices(3, 4))
 def test_products_and_sums_agree_with_sympy(M, N, other):
-    assert to_sympy(multiply(M, N)) == to_sympy(M) * to_sympy(N)
-    assert to_sympy(add(M, other)) == to_sympy(M) + to_sympy(other)
-    assert subtract(add(M, other), other) == M
-    assert to_sympy(kronecker(M, N)) == sympy.kronecker_product(to_sympy(M), to_sympy(N))
-    assert transpose(transpose(M)) == M
-    assert scale(Fraction(1, 3), M) == scale(Fraction(1, 3), multiply(identity(3), M))
+    assert to_sympy(exact.multiply(M, N)) == to_sympy(M) * to_sympy(N)
+    assert to_sympy(exact.add(M, other)) == to_sympy(M) + to_sympy(other)
+    assert exact.subtract(exact.add(M, other), other) == M
+    assert to_sympy(exact.kronecker(M, N)) == sympy.kronecker_product(to_sympy(M), to_sympy(N))
+    assert exact.transpose(exact.transpose(M)) == M
+    assert exact.scale(Fraction(1, 3), M) == exact.scale(Fraction(1, 3), exact.multiply(exact.identity(3), M))
 
 
 @settings(max_examples=60, deadline=None)
@@ -85,64 +68,64 @@ def test_products_and_sums_agree_with_sympy(M, N, other):
 def test_inverse_times_matrix_is_the_identity_unless_singular(M):
     if to_sympy(M).det() == 0:
         with pytest.raises(SpecError, match="must be invertible; it is singular"):
-            inverse(M)
+            exact.inverse(M)
     else:
-        assert multiply(inverse(M), M) == identity(4)
+        assert exact.multiply(exact.inverse(M), M) == exact.identity(4)
 
 
 @settings(max_examples=60, deadline=None)
 @given(matrices(3, 5) | matrices(5, 3))
 def test_nullspace_is_annihilated_and_has_the_missing_dimension(M):
-    basis = nullspace(M)
-    assert rank(M) == to_sympy(M).rank()
-    assert len(basis) == shape(M)[1] - rank(M)
+    basis = exact.nullspace(M)
+    assert exact.rank(M) == to_sympy(M).rank()
+    assert len(basis) == exact.shape(M)[1] - exact.rank(M)
     for vector in basis:
-        assert multiply(M, tuple((x,) for x in vector)) == zeros(len(M), 1)
+        assert exact.multiply(M, tuple((x,) for x in vector)) == exact.zeros(len(M), 1)
     if basis:
-        assert rank(basis) == len(basis)
+        assert exact.rank(basis) == len(basis)
 
 
 def test_long_and_short_sums_give_the_same_numbers():
     """Above a size the work goes to python-flint; NumPy's integers are the oracle."""
     rng = np.random.default_rng(1)
     G, H = rng.integers(-9, 10, (14, 12)), rng.integers(-9, 10, (12, 13))
-    assert multiply(from_float(G, None), from_float(H, None)) == from_float(G @ H, None)
-    low = from_float(G[:, :5] @ H[:5], None)
-    assert rank(low) == 5
-    reduced, pivots = row_echelon(low)
+    assert exact.multiply(exact.from_float(G, None), exact.from_float(H, None)) == exact.from_float(G @ H, None)
+    low = exact.from_float(G[:, :5] @ H[:5], None)
+    assert exact.rank(low) == 5
+    reduced, pivots = exact.row_echelon(low)
     assert pivots == tuple(to_sympy(low).rref()[1])
     assert to_sympy(reduced) == to_sympy(low).rref()[0][:5, :]
-    square = from_float(G[:12], None)
-    assert multiply(inverse(square), square) == identity(12)
+    square = exact.from_float(G[:12], None)
+    assert exact.multiply(exact.inverse(square), square) == exact.identity(12)
 
 
 def test_shapes_that_do_not_fit_are_refused():
     with pytest.raises(ShapeError, match="must have 2 rows"):
-        multiply(identity(2), identity(3))
+        exact.multiply(exact.identity(2), exact.identity(3))
     with pytest.raises(ShapeError, match="one shape"):
-        add(identity(2), identity(3))
+        exact.add(exact.identity(2), exact.identity(3))
     with pytest.raises(ShapeError, match="one shape"):
-        subtract(identity(2), zeros(2, 3))
+        exact.subtract(exact.identity(2), exact.zeros(2, 3))
     with pytest.raises(ShapeError, match="must be square"):
-        inverse(zeros(2, 3))
+        exact.inverse(exact.zeros(2, 3))
     with pytest.raises(ShapeError, match="N must have shape"):
-        solve_lyapunov(identity(1), identity(2))
+        solve_lyapunov(exact.identity(1), exact.identity(2))
 
 
 def test_symmetry_is_exact():
     """A difference of one part in 10^400 counts."""
-    assert is_symmetric(identity(3))
-    assert not is_symmetric(((Fraction(1), Fraction(1)), (Fraction(1) + Fraction(1, 10**400), Fraction(1))))
-    assert not is_symmetric(zeros(2, 3))
+    assert exact.is_symmetric(exact.identity(3))
+    assert not exact.is_symmetric(((Fraction(1), Fraction(1)), (Fraction(1) + Fraction(1, 10**400), Fraction(1))))
+    assert not exact.is_symmetric(exact.zeros(2, 3))
 
 
 def test_floats_are_rounded_to_decimals_or_kept_exactly():
     """digits: significant decimals; None: the binary value."""
     array = np.array([[0.1, 1234.5678], [1e-20, -2.0]])
-    assert from_float(array, 3) == ((Fraction(1, 10), Fraction(1230)), (Fraction(1, 10**20), Fraction(-2)))
-    assert from_float(array, None)[0][0] == Fraction(3602879701896397, 2**55)
-    assert to_float(from_float(array, None)).tolist() == array.tolist()
-    assert from_float(np.array([[np.longdouble(1) + np.finfo(np.longdouble).eps]]), None)[0][0] > 1
+    assert exact.from_float(array, 3) == ((Fraction(1, 10), Fraction(1230)), (Fraction(1, 10**20), Fraction(-2)))
+    assert exact.from_float(array, None)[0][0] == Fraction(3602879701896397, 2**55)
+    assert exact.to_float(exact.from_float(array, None)).tolist() == array.tolist()
+    assert exact.from_float(np.array([[np.longdouble(1) + np.finfo(np.longdouble).eps]]), None)[0][0] > 1
 
 
 @pytest.mark.parametrize(
@@ -158,12 +141,12 @@ def test_floats_are_rounded_to_decimals_or_kept_exactly():
 def test_arrays_that_are_no_real_matrices_are_refused(bad, text):
     """np.linalg takes them in silence; this must not."""
     with pytest.raises(SpecError, match=text):
-        from_float(bad, None)
+        exact.from_float(bad, None)
 
 
 def test_entries_beyond_the_floats_are_refused():
     with pytest.raises(SpecError, match=r"below 1\.8e308"):
-        to_float(((Fraction(10) ** 400,),))
+        exact.to_float(((Fraction(10) ** 400,),))
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -172,19 +155,19 @@ def test_the_solution_satisfies_the_equation_exactly_and_is_that_of_scipy(seed):
     q = r.randint(1, 5)
     F = matrix([[r.randint(-4, 4) - (9 if i == j else 0) for j in range(q)] for i in range(q)])
     root = matrix([[r.randint(-3, 3) for _ in range(q)] for _ in range(q)])
-    N = multiply(root, transpose(root))
+    N = exact.multiply(root, exact.transpose(root))
     X = solve_lyapunov(F, N)
-    assert add(add(multiply(transpose(F), X), multiply(X, F)), N) == zeros(q, q)
-    assert to_float(X) == pytest.approx(
-        linalg.solve_continuous_lyapunov(to_float(F).T, -to_float(N)), rel=1e-9, abs=1e-12
+    assert exact.add(exact.add(exact.multiply(exact.transpose(F), X), exact.multiply(X, F)), N) == exact.zeros(q, q)
+    assert exact.to_float(X) == pytest.approx(
+        linalg.solve_continuous_lyapunov(exact.to_float(F).T, -exact.to_float(N)), rel=1e-9, abs=1e-12
     )
 
 
 def test_two_eigenvalues_that_add_up_to_zero_have_no_unique_solution():
-    identity = matrix([[1, 0], [0, 1]])
-    assert solve_lyapunov(matrix([[0, 1], [-1, 0]]), identity) is None
-    assert solve_lyapunov(matrix([[1, 0], [0, -1]]), identity) is None
-    assert solve_lyapunov(matrix([[Fraction(1, 10**9), 0], [0, -1]]), identity) is not None
+    unit = matrix([[1, 0], [0, 1]])
+    assert solve_lyapunov(matrix([[0, 1], [-1, 0]]), unit) is None
+    assert solve_lyapunov(matrix([[1, 0], [0, -1]]), unit) is None
+    assert solve_lyapunov(matrix([[Fraction(1, 10**9), 0], [0, -1]]), unit) is not None
 
 
 def test_a_fitting_matrix_gives_its_shape():
@@ -206,7 +189,7 @@ def test_the_error_names_matrix_shape_and_reason():
 
 
 @pytest.mark.parametrize(
-    ("matrix", "shape", "text"),
+    ("matrix", "wanted", "text"),
     [
         (((1, 2),), (2, 2), r"must have shape \(2, 2\); got shape \(1, 2\)"),
         (((1, 2),), (2, None), r"must have 2 rows; got"),
@@ -215,8 +198,8 @@ def test_the_error_names_matrix_shape_and_reason():
         ((), (1, 0), r"must have shape \(1, 0\); got shape \(0, 0\)"),
     ],
 )
-def test_a_wrong_shape_is_refused(matrix, shape, text):
+def test_a_wrong_shape_is_refused(matrix, wanted, text):
     with pytest.raises(ShapeError, match=text):
-        require_shape(matrix, shape, name="M")
+        require_shape(matrix, wanted, name="M")
     with pytest.raises(ShapeError, match=r"A must be square, xi' = A xi; got shape \(1, 2\)"):
         require_square(((1, 2),), name="A", because="xi' = A xi")

@@ -7,23 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dobc_design import exact
 from dobc_design.errors import ShapeError
-from dobc_design.exact import (
-    decide_detectable,
-    decide_observable,
-    from_float,
-    identity,
-    inverse,
-    multiply,
-    observability_matrix,
-    observable_reduction,
-    rank,
-    routh,
-    shape,
-    to_float,
-    transpose,
-    zeros,
-)
 from dobc_design.exact.matrix import matrix
 from dobc_design.verdict import Verdict
 
@@ -34,70 +19,70 @@ TWINS = (matrix([[0, 2, 0, 0], [-2, 0, 0, 0], [0, 0, 0, 2], [0, 0, -2, 0]]), mat
 
 def test_the_papers_pair_is_observable():
     """Theory, section 9: paper pair yes."""
-    result = decide_observable(*PAPER)
+    result = exact.decide_observable(*PAPER)
     assert (result.rank, result.size, result.verdict, result.unobservable) == (2, 2, PROVED, ())
-    assert observability_matrix(*PAPER) == matrix([[1, 0], [0, 2]])
-    detectable = decide_detectable(*PAPER)
+    assert exact.observability_matrix(*PAPER) == matrix([[1, 0], [0, 2]])
+    detectable = exact.decide_detectable(*PAPER)
     assert (detectable.verdict, detectable.unobservable_polynomial) == (PROVED, (1,))
     assert detectable.unobservable_text == "1"
 
 
 def test_a_constant_that_is_not_seen_is_not_detectable():
     """Theory, section 9: A = [0], C = [0] no (mode 0)."""
-    result = decide_detectable(matrix([[0]]), matrix([[0]]))
+    result = exact.decide_detectable(matrix([[0]]), matrix([[0]]))
     assert (result.verdict, result.unobservable_text) == (REFUTED, "s")
-    assert decide_detectable(matrix([[0]]), matrix([["1e-300"]])).verdict is PROVED
-    assert decide_detectable(matrix([["-1e-300"]]), matrix([[0]])).verdict is PROVED
+    assert exact.decide_detectable(matrix([[0]]), matrix([["1e-300"]])).verdict is PROVED
+    assert exact.decide_detectable(matrix([["-1e-300"]]), matrix([[0]])).verdict is PROVED
 
 
 def test_two_equal_oscillators_seen_as_one_are_not_detectable():
     """Theory, section 9: C = [1, 0, 1, 0] no (s^2 + 4)."""
-    result = decide_detectable(*TWINS)
+    result = exact.decide_detectable(*TWINS)
     assert (result.verdict, result.unobservable_text) == (REFUTED, "s^2 + 4")
-    assert result.table == routh((1, 0, 4))
-    assert decide_observable(*TWINS).rank == 2
+    assert result.table == exact.routh((1, 0, 4))
+    assert exact.decide_observable(*TWINS).rank == 2
 
 
 def test_oscillators_of_different_frequency_are_observable():
     """The twin: a frequency of 2 + 10^-30 tells them apart, which no rank in floats can."""
     A, C = TWINS
     near = (*A[:2], (0, 0, 0, 2 + Fraction(1, 10**30)), (0, 0, -2 - Fraction(1, 10**30), 0))
-    assert decide_observable(matrix(near), C).verdict is PROVED
-    assert np.linalg.matrix_rank(to_float(observability_matrix(matrix(near), C))) == 2
+    assert exact.decide_observable(matrix(near), C).verdict is PROVED
+    assert np.linalg.matrix_rank(exact.to_float(exact.observability_matrix(matrix(near), C))) == 2
 
 
 def test_an_unobserved_state_that_dies_out_is_detectable():
     A = matrix([[0, 1], [0, -3]])
     pair = A, matrix([[0, 0]])
-    assert decide_detectable(*pair).verdict is REFUTED
+    assert exact.decide_detectable(*pair).verdict is REFUTED
     unseen = matrix([[0, 0], [1, -3]]), matrix([[1, 0]])
-    assert decide_observable(*unseen).verdict is REFUTED
-    assert decide_observable(*unseen).unobservable == ((0, 1),)
-    assert decide_detectable(*unseen).verdict is PROVED
-    assert decide_detectable(*unseen).unobservable_text == "s + 3"
+    assert exact.decide_observable(*unseen).verdict is REFUTED
+    assert exact.decide_observable(*unseen).unobservable == ((0, 1),)
+    assert exact.decide_detectable(*unseen).verdict is PROVED
+    assert exact.decide_detectable(*unseen).unobservable_text == "s + 3"
 
 
 def test_the_reduction_of_an_observable_pair_is_itself():
-    assert observable_reduction(*PAPER) == (*PAPER, identity(2))
+    assert exact.observable_reduction(*PAPER) == (*PAPER, exact.identity(2))
 
 
 def test_the_reduction_of_the_twin_oscillators_is_one_oscillator():
     """Theory, section 2: the reduced exosystem is the fix."""
-    A_o, C_o, T = observable_reduction(*TWINS)
+    A_o, C_o, T = exact.observable_reduction(*TWINS)
     assert matrix([[1, 0, 1, 0], [0, 1, 0, 1]]) == T
     assert (A_o, C_o) == PAPER
 
 
 def test_nothing_observable_reduces_to_nothing():
     """r = 0: A_o and T have no rows, C_o empty ones."""
-    assert observable_reduction(identity(2), zeros(3, 2)) == ((), ((), (), ()), ())
-    assert decide_observable(identity(2), zeros(3, 2)).rank == 0
-    assert decide_observable(identity(2), ()).unobservable == identity(2)
+    assert exact.observable_reduction(exact.identity(2), exact.zeros(3, 2)) == ((), ((), (), ()), ())
+    assert exact.decide_observable(exact.identity(2), exact.zeros(3, 2)).rank == 0
+    assert exact.decide_observable(exact.identity(2), ()).unobservable == exact.identity(2)
 
 
 def test_an_exosystem_without_states_is_observable():
-    assert decide_observable((), ()).verdict is PROVED
-    assert decide_detectable((), ()).verdict is PROVED
+    assert exact.decide_observable((), ()).verdict is PROVED
+    assert exact.decide_detectable((), ()).verdict is PROVED
 
 
 ENTRIES = st.integers(-2, 2).map(Fraction)
@@ -112,32 +97,32 @@ def matrices(rows, columns):
 @given(matrices(3, 3), matrices(2, 3))
 def test_a_reduction_keeps_what_is_seen(A, C):
     """T A = A_o T, C = C_o T, T of full row rank = rank, and (A_o, C_o) observable."""
-    A_o, C_o, T = observable_reduction(A, C)
-    found = decide_observable(A, C)
-    assert len(T) == rank(T) == found.rank == rank(observability_matrix(A, C))
+    A_o, C_o, T = exact.observable_reduction(A, C)
+    found = exact.decide_observable(A, C)
+    assert len(T) == exact.rank(T) == found.rank == exact.rank(exact.observability_matrix(A, C))
     if T:
-        assert multiply(T, A) == multiply(A_o, T)
-        assert multiply(C_o, T) == C
-        assert shape(C_o) == (2, found.rank)
-        assert decide_observable(A_o, C_o).verdict is PROVED
+        assert exact.multiply(T, A) == exact.multiply(A_o, T)
+        assert exact.multiply(C_o, T) == C
+        assert exact.shape(C_o) == (2, found.rank)
+        assert exact.decide_observable(A_o, C_o).verdict is PROVED
     for vector in found.unobservable:
-        column = transpose((vector,))
-        assert multiply(observability_matrix(A, C), column) == zeros(6, 1)
+        column = exact.transpose((vector,))
+        assert exact.multiply(exact.observability_matrix(A, C), column) == exact.zeros(6, 1)
 
 
 @settings(max_examples=80, deadline=None)
 @given(matrices(2, 2), matrices(2, 2), matrices(2, 2), matrices(1, 2), matrices(4, 4))
 def test_a_hidden_block_shows_its_polynomial_in_any_coordinates(A1, A2, coupling, C1, S):
     """Kalman's form, transformed: the unobservable polynomial is that of A2 times what C1 misses of A1."""
-    if rank(S) < 4:
+    if exact.rank(S) < 4:
         return
-    block = tuple(a + z for a, z in zip(A1, zeros(2, 2), strict=True)) + tuple(
+    block = tuple(a + z for a, z in zip(A1, exact.zeros(2, 2), strict=True)) + tuple(
         c + a for c, a in zip(coupling, A2, strict=True)
     )
-    A = multiply(inverse(S), multiply(block, S))
-    C = multiply((C1[0] + (Fraction(0), Fraction(0)),), S)
-    found = decide_detectable(A, C)
-    if decide_observable(A1, C1).verdict is PROVED:
+    A = exact.multiply(exact.inverse(S), exact.multiply(block, S))
+    C = exact.multiply((C1[0] + (Fraction(0), Fraction(0)),), S)
+    found = exact.decide_detectable(A, C)
+    if exact.decide_observable(A1, C1).verdict is PROVED:
         trace, det = A2[0][0] + A2[1][1], A2[0][0] * A2[1][1] - A2[0][1] * A2[1][0]
         assert found.unobservable_polynomial == (1, -trace, det)
         assert (found.verdict is PROVED) == (trace < 0 < det)
@@ -147,15 +132,16 @@ def test_a_pair_of_size_thirty_is_decided():
     """Ten copies of a third-order system, five of them hidden; numbers go through python-flint."""
     rng = np.random.default_rng(4)
     A1, A2 = rng.integers(-3, 4, (15, 15)), rng.integers(-3, 4, (15, 15)) - 40 * np.eye(15, dtype=int)
-    A = from_float(np.block([[A1, np.zeros((15, 15), int)], [rng.integers(-3, 4, (15, 15)), A2]]), None)
-    C = from_float(np.hstack([rng.integers(-3, 4, (1, 15)), np.zeros((1, 15), int)]), None)
-    assert decide_observable(A, C).rank == 15
-    assert decide_detectable(A, C).verdict is PROVED
+    A = exact.from_float(np.block([[A1, np.zeros((15, 15), int)], [rng.integers(-3, 4, (15, 15)), A2]]), None)
+    C = exact.from_float(np.hstack([rng.integers(-3, 4, (1, 15)), np.zeros((1, 15), int)]), None)
+    assert exact.decide_observable(A, C).rank == 15
+    assert exact.decide_detectable(A, C).verdict is PROVED
 
 
 def test_shapes_that_do_not_fit_are_refused():
-    for function in (observability_matrix, decide_observable, decide_detectable, observable_reduction):
+    for name in ("observability_matrix", "decide_observable", "decide_detectable", "observable_reduction"):
+        function = getattr(exact, name)
         with pytest.raises(ShapeError, match="A must be square"):
-            function(zeros(2, 3), zeros(1, 3))
+            function(exact.zeros(2, 3), exact.zeros(1, 3))
         with pytest.raises(ShapeError, match=r"C must have 2 columns, one per row of A \(A is 2x2\)"):
-            function(identity(2), zeros(1, 3))
+            function(exact.identity(2), exact.zeros(1, 3))

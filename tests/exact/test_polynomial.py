@@ -13,20 +13,8 @@ import sympy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dobc_design import exact
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact import (
-    characteristic_polynomial,
-    count_right_half_plane,
-    decide_hurwitz,
-    from_float,
-    identity,
-    multiply,
-    polynomial_text,
-    routh,
-    scale,
-    subtract,
-    zeros,
-)
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.polynomial import cone_image, decide_images, disk_image, has_root_up_to_zero, reflected, shifted
 from dobc_design.verdict import Verdict
@@ -80,8 +68,8 @@ def test_roots_to_the_right_are_counted_exactly_and_routh_agrees(built, factor):
     """Closed form: products of factors with known roots, on the axis, repeated and symmetric ones too."""
     polynomial, right, on_axis = built
     scaled = tuple(factor * x for x in polynomial)
-    assert count_right_half_plane(scaled) == count_right_half_plane((0, *scaled)) == right
-    assert (routh(scaled).verdict is PROVED) == (right == on_axis == 0)
+    assert exact.count_right_half_plane(scaled) == exact.count_right_half_plane((0, *scaled)) == right
+    assert (exact.routh(scaled).verdict is PROVED) == (right == on_axis == 0)
 
 
 @settings(max_examples=100, deadline=None)
@@ -92,8 +80,8 @@ def test_any_polynomial_agrees_with_floating_roots_away_from_the_axis(coefficien
         return
     roots = np.roots(coefficients)
     if all(abs(roots.real) > 1e-4):
-        assert count_right_half_plane(coefficients) == (roots.real > 0).sum()
-        assert (routh(coefficients).verdict is PROVED) == all(roots.real < 0)
+        assert exact.count_right_half_plane(coefficients) == (roots.real > 0).sum()
+        assert (exact.routh(coefficients).verdict is PROVED) == all(roots.real < 0)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +103,7 @@ def test_any_polynomial_agrees_with_floating_roots_away_from_the_axis(coefficien
 )
 def test_the_first_column_of_known_tables(coefficients, column, failing):
     """By hand; the first entry <= 0 ends the table and refutes (theory, section 3)."""
-    table = routh(coefficients)
+    table = exact.routh(coefficients)
     assert (table.first_column, table.failing_row) == (column, failing)
     assert table.verdict is (PROVED if failing is None else REFUTED)
 
@@ -124,13 +112,13 @@ def test_a_margin_of_ten_to_the_minus_fifty_decides():
     """(s + 1)(s^2 + d s + 1): Hurwitz iff d > 0."""
     tiny = Fraction(1, 10**50)
     for d, verdict in ((tiny, PROVED), (Fraction(0), REFUTED), (-tiny, REFUTED)):
-        assert routh(times((1, 1), (1, d, 1))).verdict is verdict
-    assert count_right_half_plane(times((1, 1), (1, -tiny, 1))) == 2
-    assert count_right_half_plane(times((1, 1), (1, 0, 1))) == 0
+        assert exact.routh(times((1, 1), (1, d, 1))).verdict is verdict
+    assert exact.count_right_half_plane(times((1, 1), (1, -tiny, 1))) == 2
+    assert exact.count_right_half_plane(times((1, 1), (1, 0, 1))) == 0
 
 
 def test_the_zero_polynomial_is_refused():
-    for function in (routh, count_right_half_plane):
+    for function in (exact.routh, exact.count_right_half_plane):
         with pytest.raises(SpecError, match="a coefficient that is not 0"):
             function((0, 0))
         with pytest.raises(SpecError, match="a coefficient that is not 0"):
@@ -144,57 +132,57 @@ MATRICES = st.lists(st.lists(RATIONALS, min_size=4, max_size=4), min_size=4, max
 @given(MATRICES)
 def test_the_characteristic_polynomial_agrees_with_sympy(A):
     expected = sympy.Matrix([[sympy.Rational(x.numerator, x.denominator) for x in row] for row in A])
-    found = characteristic_polynomial(A)
+    found = exact.characteristic_polynomial(A)
     assert [sympy.Rational(x.numerator, x.denominator) for x in found] == expected.charpoly().all_coeffs()
-    total = zeros(4, 4)
+    total = exact.zeros(4, 4)
     for x in found:
-        total = subtract(multiply(total, A), scale(-x, identity(4)))
-    assert total == zeros(4, 4)
+        total = exact.subtract(exact.multiply(total, A), exact.scale(-x, exact.identity(4)))
+    assert total == exact.zeros(4, 4)
 
 
 def test_the_companion_matrix_gives_its_polynomial_back():
     A = matrix([[0, 1, 0], [0, 0, 1], [-6, -11, -6]])
-    assert characteristic_polynomial(A) == (1, 6, 11, 6)
-    assert decide_hurwitz(A).verdict is PROVED
-    assert decide_hurwitz(matrix([[0, 1, 0], [0, 0, 1], [-66, -11, -6]])).verdict is REFUTED
+    assert exact.characteristic_polynomial(A) == (1, 6, 11, 6)
+    assert exact.decide_hurwitz(A).verdict is PROVED
+    assert exact.decide_hurwitz(matrix([[0, 1, 0], [0, 0, 1], [-66, -11, -6]])).verdict is REFUTED
 
 
 def test_the_papers_observer_has_its_printed_polynomial():
     """Theory, section 9: eigenvalues of A - W C are -8/5 +- (2/5) sqrt(39) i, so s^2 + 16/5 s + 44/5."""
     A, C, W = matrix([[0, 2], [-2, 0]]), matrix([[1, 0]]), matrix([["16/5"], ["12/5"]])
-    closed = subtract(A, multiply(W, C))
-    assert characteristic_polynomial(closed) == (1, Fraction(16, 5), Fraction(44, 5))
-    assert decide_hurwitz(closed).verdict is PROVED
-    assert decide_hurwitz(A).verdict is REFUTED
-    assert decide_hurwitz(subtract(A, multiply(scale(-1, W), C))).verdict is REFUTED
+    closed = exact.subtract(A, exact.multiply(W, C))
+    assert exact.characteristic_polynomial(closed) == (1, Fraction(16, 5), Fraction(44, 5))
+    assert exact.decide_hurwitz(closed).verdict is PROVED
+    assert exact.decide_hurwitz(A).verdict is REFUTED
+    assert exact.decide_hurwitz(exact.subtract(A, exact.multiply(exact.scale(-1, W), C))).verdict is REFUTED
 
 
 def test_the_papers_omega_has_eigenvalues_minus_two_and_four_thirds():
     """Theory, section 9: Omega0 = [[-1, 1/3], [1/3, -1]]."""
     A, C = matrix([[0, 2], [-2, 0]]), matrix([[1, 0]])
     P, W = matrix([["1/2", "-1/4"], ["-1/4", "1/3"]]), matrix([["16/5"], ["12/5"]])
-    Q = multiply(P, W)
+    Q = exact.multiply(P, W)
     assert Q == ((1,), (0,))
-    half = subtract(multiply(P, A), multiply(Q, C))
-    omega = subtract(half, scale(-1, tuple(zip(*half, strict=True))))
+    half = exact.subtract(exact.multiply(P, A), exact.multiply(Q, C))
+    omega = exact.subtract(half, exact.scale(-1, tuple(zip(*half, strict=True))))
     assert omega == matrix([[-1, "1/3"], ["1/3", -1]])
-    assert characteristic_polynomial(omega) == times((1, Fraction(2, 3)), (1, Fraction(4, 3)))
+    assert exact.characteristic_polynomial(omega) == times((1, Fraction(2, 3)), (1, Fraction(4, 3)))
 
 
 def test_matrices_that_are_not_square_are_refused_and_none_is_hurwitz():
     with pytest.raises(ShapeError, match="A must be square"):
-        characteristic_polynomial(zeros(2, 3))
-    assert characteristic_polynomial(()) == (1,)
-    assert decide_hurwitz(()).verdict is PROVED
+        exact.characteristic_polynomial(exact.zeros(2, 3))
+    assert exact.characteristic_polynomial(()) == (1,)
+    assert exact.decide_hurwitz(()).verdict is PROVED
 
 
 def test_a_large_matrix_is_decided_in_time():
     """Size 50, both answers; NumPy's eigenvalues are far from the axis."""
     G = np.random.default_rng(2).integers(-9, 10, (50, 50))
     start = time.process_time()
-    assert decide_hurwitz(from_float(G - 80 * np.eye(50, dtype=int), None)).verdict is PROVED
-    polynomial = characteristic_polynomial(from_float(G, None))
-    assert count_right_half_plane(polynomial) == (np.linalg.eigvals(G).real > 0).sum()
+    assert exact.decide_hurwitz(exact.from_float(G - 80 * np.eye(50, dtype=int), None)).verdict is PROVED
+    polynomial = exact.characteristic_polynomial(exact.from_float(G, None))
+    assert exact.count_right_half_plane(polynomial) == (np.linalg.eigvals(G).real > 0).sum()
     assert time.process_time() - start < 20
 
 
@@ -212,8 +200,8 @@ def test_a_large_matrix_is_decided_in_time():
 )
 def test_polynomials_read_as_in_the_book(coefficients, text):
     """Theory, section 9: two equal oscillators seen as one leave s^2 + 4."""
-    assert polynomial_text(coefficients) == text
-    assert polynomial_text((1, 1), "z") == "z + 1"
+    assert exact.polynomial_text(coefficients) == text
+    assert exact.polynomial_text((1, 1), "z") == "z + 1"
 
 
 def quadratic(re, im) -> tuple[Fraction, ...]:

@@ -249,11 +249,10 @@ def deadly(chain: Path) -> Plan:
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain, monkeypatch, jobs):
+def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain, monkeypatch):
     """The worker of one case is killed, two never end; what was in hand with them is done again."""
     monkeypatch.setattr(running, "GRACE", 2.0)
-    found = list(outcomes(deadly(chain), range(5), jobs=jobs, cluster=None, limit=2))
+    found = list(outcomes(deadly(chain), range(5), jobs=2, cluster=None, limit=2))
     assert sorted(line["case"] for line in found) == list(range(5))
     kinds = {line["case"]: line["error"]["kind"] for line in found if line["error"]}
     assert kinds == {2: "worker", 3: "time", 4: "time"}

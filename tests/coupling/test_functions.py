@@ -96,7 +96,6 @@ def test_increasing_functions_are_found_increasing(name: str):
     assert profile(Curve(parse_expression(f"{name}(y)")), Fraction(1)).is_nondecreasing
 
 
-@pytest.mark.parametrize("page", ["docs/howto/own-network.md", "docs/certificate-format.md"])
-def test_every_function_is_documented(page: str):
-    text = (ROOT / page).read_text("utf-8")
+def test_every_function_is_documented():
+    text = (ROOT / "docs" / "certificate-format.md").read_text("utf-8")
     assert all(name in text for name in FUNCTIONS)

@@ -293,20 +293,21 @@ def _confirm_proved(check: Check, statements: Statements, pair: Pair | None) -> 
 def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) -> str | None:
     if check.rate is not None or (check.margin is not None and check.margin > 0):
         return "a refuted check must claim no rate and no positive margin"
-    exact, vector = check.exact or {}, _vector(check)
+    exact = check.exact or {}
     if check.id == "lemma1":
         mode, said = str(check.mode), claim.read_claim(check, statements.problem, None)
         if not isinstance(said, Unstable) or (said.roots and said.roots > unstable_roots(statements, mode)):
             return OTHER_VALUES
+        vector = _vector(check)
         if said.value is not None and said.value > enclosed_lambda(statements, mode).value(vector).lo:
             return OTHER_VALUES
         return _confirm_lambda(check, statements, mode, vector)
     if check.kind.role == "given":
-        return _confirm_printed(check, statements, pair, vector)
+        return _confirm_printed(check, statements, pair, _vector(check))
     mode = str(exact.get("mode", check.mode))
     if mode not in statements.lambdas or exact != {"block": "Lambda", "mode": mode}:
         return "one pair failing says nothing about the others"
-    return _confirm_lambda(check, statements, mode, vector)
+    return _confirm_lambda(check, statements, mode, _vector(check))
 
 
 def _confirm_lambda(

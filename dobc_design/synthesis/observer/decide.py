@@ -68,12 +68,13 @@ LARGEST_ORDER = 12  # beyond it exact norms take too long to be had by the way
 
 def gain_statements(exosystem: Exosystem, W: Matrix, request: ObserverRequest) -> tuple[Statement, ...]:
     """Everything that the request asks of W (q, m), decided for W exactly."""
+    noise = [noise_statement(exosystem, W, limit) for limit in request.noise]
     if request.period is not None:
-        return sampled_statements(exosystem, W, period=request.period, rate=request.rate, regions=request.regions)
+        asked = sampled_statements(exosystem, W, period=request.period, rate=request.rate, regions=request.regions)
+        return *asked, *noise
     F = error_matrix(exosystem, W)
     rate = [] if request.rate is None else [region_statement(F, request.all_regions[0], kind="rate")]
     regions = [region_statement(F, region) for region in request.regions]
-    noise = [noise_statement(exosystem, W, limit) for limit in request.noise]
     return hurwitz_statement(F), *rate, *regions, *noise
 
 

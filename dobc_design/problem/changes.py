@@ -123,8 +123,8 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
     else:
         own = None if "exosystem" in changes and changes["exosystem"] is None else problem.exosystem
         given["exosystem"] = own and replace(own, **_below("exosystem", changes))
-        observer = Observer() if "observer" in changes and changes["observer"] is None else problem.observer
-        given["observer"] = own and replace(observer, **_below("observer", changes))
+        gone = "observer" in changes and changes["observer"] is None
+        given["observer"] = own and (Observer() if gone else replace(problem.observer, **_below("observer", changes)))
     given["target"] = changes.get("target", problem.target)
     given["gains"] = changes.get("pinning.gains", problem.pinning)
     given["simulation"] = replace(problem.simulation, **_below("simulation", changes))
@@ -134,7 +134,8 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
 
 
 def _below(table: str, changes: Mapping[str, Any]) -> dict[str, Any]:
-    return {key.removeprefix(f"{table}."): value for key, value in changes.items() if key.startswith(f"{table}.")}
+    own = {key: value for key, value in changes.items() if key.startswith(f"{table}.") and key != GROUP_GAINS}
+    return {key.removeprefix(f"{table}."): value for key, value in own.items()}
 
 
 REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value that stood there

@@ -42,7 +42,7 @@ def items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
 
 def _values(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
     """What a table, which may have no other keys than these, or a noun has under them; None where it has nothing."""
-    if isinstance(value, (Region, Simulation)):
+    if isinstance(value, Region if key == "region" else Simulation):
         return [getattr(value, name) for name in keys]
     for name, _ in items(value, key=key):
         if name not in keys:

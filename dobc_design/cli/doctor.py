@@ -81,15 +81,19 @@ def _package(text: str) -> Item:
     from importlib import metadata
 
     from packaging.requirements import Requirement
+    from packaging.version import InvalidVersion
 
     required, typed = Requirement(text), text.partition(";")[0].replace(" ", "")
     extra = re.search(r"extra == ['\"]([a-z]+)", str(required.marker))
     missing = Item(required.name, extra[1] if extra else CORE, "not installed", False, install_command([typed]))
     try:
         version = metadata.version(required.name)
+        fits = required.specifier.contains(version, prereleases=True)
     except metadata.PackageNotFoundError:
         return missing
-    if not required.specifier.contains(version, prereleases=True):
+    except InvalidVersion:  # none that PEP 440 knows
+        fits = False
+    if not fits:
         return missing._replace(detail=f"{version}, needs {typed.removeprefix(required.name)}")
     return missing._replace(detail=version, ok=True, install=None)
 

@@ -310,11 +310,11 @@ def _decided(
         return {"Ad": (), "Cd": (), "L": (), "statements": (network,)}
     A, C = exosystem.A, exosystem.C
     found = discretise(A, period)
-    transition, mean, error = (
-        tuple(tuple(entry.midpoint for entry in row) for row in enclosed)
-        for enclosed in (found.transition, found.mean, discretise(subtract(A, multiply(W, C)), period).mean)
-    )
-    L = multiply(scale(period, error), W) if L is None else L
+    wanted = [found.transition, found.mean]
+    if L is None:
+        wanted.append(discretise(subtract(A, multiply(W, C)), period).mean)
+    transition, mean, *error = (tuple(tuple(entry.midpoint for entry in row) for row in each) for each in wanted)
+    L = multiply(scale(period, error[0]), W) if L is None else L
     Ad, Cd, L = (
         tuple(tuple(rounded(x, precision) for x in row) for row in each) for each in (transition, multiply(C, mean), L)
     )

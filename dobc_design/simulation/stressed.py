@@ -119,10 +119,14 @@ class Crew:
 
     def extra(self, times: float | Array, chosen: IndexArray | slice = slice(None)) -> Array:
         """The disturbance that no exosystem knows, (n, m, R); times (R,), or any number of them for a single run."""
+        if not self.stress.disturbance:
+            return np.zeros_like(times + self.phase[..., chosen])
         return np.asarray(self.stress.disturbance * np.sin(self.stress.frequency * times + self.phase[..., chosen]))
 
     def extra_integral(self, begin: float, end: float) -> Array:
         """Its integral between two times, (n, m, R)."""
+        if not self.stress.disturbance:
+            return np.zeros_like(self.phase)
         half = (end - begin) / 2
         # The mean value times the length: no cancellation where the frequency is small.
         shrink = np.sinc(self.stress.frequency * half / np.pi)

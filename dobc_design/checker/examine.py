@@ -79,11 +79,9 @@ def confirm(case: Certificate, check: Any) -> None:
     if check.verdict == "undecided":
         claimed = (check.margin, check.rate, check.exact, check.witness)
         need(claimed == (None,) * 4, "it is undecided and claims something")
-    elif about_region:
-        regional(case, check)
     else:
         need(check.verdict in ("proved", "refuted"), "the verdict is none of proved, refuted and undecided")
-        (fact if check.id in FACTS else consensus)(case, check)
+        (regional if about_region else fact if check.id in FACTS else consensus)(case, check)
 
 
 def regional(case: Certificate, check: Any) -> None:
@@ -97,7 +95,7 @@ def regional(case: Certificate, check: Any) -> None:
         need(check.witness is None, "it is proved and carries a witness")
     else:
         need(check.domain == p.domain, "the domain is wrong")
-        need(check.rate is None and check.verdict == "refuted", "it is refuted and claims a rate")
+        need(check.rate is None, "it is refuted and claims a rate")
         need(check.id in ("max-separable", "equilibrium"), "it cannot be refuted")
     REGIONAL[check.id](case, check)
 

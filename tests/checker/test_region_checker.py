@@ -190,7 +190,7 @@ def test_a_region_of_a_random_problem_is_confirmed_by_both_checkers_and_the_orac
 
 
 def test_changed_regional_claims_are_refused_or_true():
-    tally = region_mutant_campaign([QUICK], each=25)
+    tally = region_mutant_campaign([QUICK], each=15)
     assert not tally.wrong, tally.wrong
     assert tally.counts["refused"] + tally.counts["unreadable"] >= 5
 

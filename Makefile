@@ -19,7 +19,7 @@ demo: $(READY) ## certify the paper's example; writes the folder paper-fixed-cer
 	.venv/bin/dobc certify paper-fixed
 
 test: $(READY) ## the fast tests, a few minutes
-	.venv/bin/python -m pytest -n 2 --benchmark-disable
+	.venv/bin/python -m pytest -n 2 --dist worksteal --benchmark-disable
 
 lint: $(READY) ## style and format of the code
 	.venv/bin/ruff check .
@@ -29,7 +29,7 @@ types: $(READY) ## types of the code
 	.venv/bin/mypy
 
 slow: $(READY) ## the slow tests, several minutes
-	.venv/bin/python -m pytest -n 2 --benchmark-disable -m "slow and not evidence"
+	.venv/bin/python -m pytest -n 2 --dist worksteal --benchmark-disable -m "slow and not evidence"
 
 evidence: $(READY) ## the full counts, many minutes; prints one table
 	.venv/bin/python tests/evidence/run.py

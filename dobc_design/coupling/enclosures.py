@@ -10,11 +10,12 @@ import heapq
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import lru_cache
 from itertools import groupby, pairwise
 from typing import Final
 
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.tree import ZERO, GradientAlgebra, IntervalAlgebra, Jet, Node, postorder, run
+from dobc_design.coupling.tree import ZERO, GradientAlgebra, IntervalAlgebra, Jet, program, run
 from dobc_design.exact.interval import Interval, UndefinedError
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is above 1).
@@ -23,6 +24,8 @@ TOLERANCE: Final = Fraction(1, 10**6)
 _MOST_PIECES: Final = 4000
 _MOST_HALVINGS: Final = 40
 _NARROWEST: Final = Fraction(1, 2**30)
+# Enclosures that are remembered, since searches come back to the same intervals.
+_REMEMBERED: Final = 1 << 12
 
 # The narrowest cell, as a part of the radius, and the most cells looked at.
 _NARROWEST_CELL: Final = Fraction(1, 2**24)
@@ -35,17 +38,31 @@ _RESTRICTED: Final = GradientAlgebra(1, second=True, restricted=True)
 Form = Callable[[Interval], Interval]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+class _Programs:
+    """One coupling function as enclosures run it: its values, its jets, and these without what is outside."""
+
+    def __init__(self, expression: Expression) -> None:
+        self.values = program(expression.node, _VALUES)
+        self.jets, self.restricted = (program(expression.node, algebra) for algebra in (_JETS, _RESTRICTED))
+
+
+@lru_cache(maxsize=4096)
+def _programs(expression: Expression) -> _Programs:
+    return _Programs(expression)
+
+
+@dataclass(frozen=True, slots=True)
 class Curve:
     """One scalar coupling function h with h(0) = 0, in y alone, ready to be enclosed many times."""
 
-    expression: Expression
-    order: tuple[Node, ...] = field(init=False, repr=False)
+    expression: Expression = field(compare=False)
+    # One object for all curves of one function: comparing expressions walks through their trees.
+    programs: _Programs = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.expression.dimension != 1:
             raise ValueError(f"a Curve is a function of y; got one of {self.expression.dimension} variables.")
-        object.__setattr__(self, "order", postorder(self.expression.node))
+        object.__setattr__(self, "programs", _programs(self.expression))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,18 +73,20 @@ class Secant:
     slope: Interval | None
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def value(curve: Curve, Y: Interval) -> Interval:
     """Enclose h on Y by one evaluation.  Raises: UndefinedError naming the function and the interval."""
-    found: Interval = run(curve.order, (Y,), _VALUES)
-    return found
+    return run(curve.programs.values, (Y,))
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def jet(curve: Curve, Y: Interval, *, restricted: bool = False) -> Jet:
     """Enclose h, h' and h'' on Y by one evaluation; ``restricted`` as in GradientAlgebra."""
-    algebra = _RESTRICTED if restricted and not Y.is_point else _JETS
-    return run(curve.order, algebra.variables((Y,)), algebra)
+    steps = curve.programs.restricted if restricted and not Y.is_point else curve.programs.jets
+    return run(steps, _JETS.variables((Y,)))
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def secant(curve: Curve, Y: Interval) -> Secant:
     """Enclose g and g' on Y by a few evaluations; end points where g is shown to be monotone.
 
@@ -139,6 +158,7 @@ def value_form(curve: Curve, Y: Interval) -> Interval:
     return _meet(natural, value(curve, middle) + slope * (Y - middle))
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def slope_form(curve: Curve, Y: Interval) -> Interval:
     """Enclose h' on Y, kinks at the ends included; end points where h' is monotone, else the mean value form."""
     found = jet(curve, Y)

@@ -241,8 +241,7 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
 
 def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.float64]]:
     """Return the expression as a function of arrays; overflow gives inf, undefined places nan, without warnings."""
-    order, dimension = tree.postorder(expression.node), expression.dimension
-    algebra = tree.NumpyAlgebra()
+    steps, dimension = tree.program(expression.node, tree.NumpyAlgebra()), expression.dimension
 
     def function(y: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(y, dtype=np.float64)
@@ -250,7 +249,7 @@ def numpy_function(expression: Expression) -> Callable[[ArrayLike], NDArray[np.f
             raise ShapeError(f"the last axis of y must have length {dimension}; got shape {array.shape}.")
         variables = [array] if dimension == 1 else [array[..., index] for index in range(dimension)]
         with np.errstate(all="ignore"):
-            result = tree.run(order, variables, algebra)
+            result = tree.run(steps, variables)
         return np.array(np.broadcast_to(result, variables[0].shape), dtype=np.float64)
 
     return function

@@ -193,35 +193,46 @@ def postorder(node: Node) -> tuple[Node, ...]:
 
 def evaluate(node: Node, variables: Sequence[T], algebra: Algebra[T]) -> T:
     """Evaluate the tree with ``variables[i]`` for y_(i + 1).  Raises: whatever the algebra raises."""
-    return run(postorder(node), variables, algebra)
+    return run(program(node, algebra), variables)
 
 
-def run(order: Sequence[Node], variables: Sequence[T], algebra: Algebra[T]) -> T:
-    """Evaluate a tree given in postorder; for callers that evaluate the same tree many times."""
+# An operation with how many operands it takes from the stack; without one the index of a variable.
+Step = tuple[Callable[..., T] | None, int]
+
+
+def program(node: Node, algebra: Algebra[T]) -> tuple[Step[T], ...]:
+    """Return the steps that evaluate the tree, for callers that evaluate it many times."""
+    return tuple(_step(each, algebra) for each in postorder(node))
+
+
+def run(steps: Sequence[Step[T]], variables: Sequence[T]) -> T:
+    """Evaluate a tree by its ``program``.  Raises: whatever the algebra raises."""
     stack: list[T] = []
-    for node in order:
-        if isinstance(node, Variable):
-            stack.append(variables[node.index])
+    for operation, number in steps:
+        if operation is None:
+            stack.append(variables[number])
             continue
-        count = len(node.children)
-        operands = tuple(stack[len(stack) - count :])
-        del stack[len(stack) - count :]
-        stack.append(_apply(node, operands, algebra))
+        first = len(stack) - number
+        operands = stack[first:]
+        del stack[first:]
+        stack.append(operation(*operands))
     return stack.pop()
 
 
-def _apply(node: Node, operands: tuple[T, ...], algebra: Algebra[T]) -> T:
+def _step(node: Node, algebra: Algebra[T]) -> Step[T]:
     match node:
+        case Variable():
+            return None, node.index
         case Constant():
-            return algebra.constant(node.value)
+            value = algebra.constant(node.value)
+            return lambda: value, 0
         case Pi():
-            return algebra.pi()
+            return algebra.pi, 0
         case Power():
-            return algebra.power(operands[0], node.exponent)
+            return lambda base: algebra.power(base, node.exponent), 1
         case Call():
-            return algebra.call(node.name, operands)
-    operation: Callable[..., T] = getattr(algebra, type(node).__name__.lower())
-    return operation(*operands)
+            return lambda *operands: algebra.call(node.name, operands), len(node.arguments)
+    return getattr(algebra, type(node).__name__.lower()), len(node.children)
 
 
 def _signature(node: Node) -> tuple[object, ...]:

@@ -124,7 +124,7 @@ def _dyadic(number: arb) -> tuple[Fraction, Fraction]:
         return Fraction(0), Fraction(1, 1 << min(_MAX_EXPONENT, -exponent - mantissa.bit_length()))
     if exponent > _MAX_EXPONENT:
         raise OverflowError("there is no finite enclosure")
-    return Fraction(mantissa) * Fraction(2) ** exponent, Fraction(0)
+    return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent), Fraction(0)
 
 
 # End points of this many bits stay as they are. Points have more: 1e-400 is a number of 1329 bits,
@@ -155,7 +155,7 @@ class Interval(Shown):
         if type(self.lo) is not Fraction or type(self.hi) is not Fraction:
             object.__setattr__(self, "lo", _rational(self.lo))
             object.__setattr__(self, "hi", _rational(self.hi))
-        if self.lo > self.hi:
+        if self.lo is not self.hi and self.lo > self.hi:
             raise SpecError(f"interval must have lo <= hi; got {self}.")
 
     @classmethod
@@ -182,6 +182,10 @@ class Interval(Shown):
     def magnitude(self) -> Fraction:
         """The largest absolute value in the interval."""
         return max(-self.lo, self.hi)
+
+    @property
+    def _mixed(self) -> bool:
+        return self.lo.numerator < 0 < self.hi.numerator
 
     def contains(self, value: Fraction | int | Interval) -> bool:
         """Return whether a number, or every number of an interval, lies in this one."""
@@ -228,17 +232,25 @@ class Interval(Shown):
         return _enclose(self.lo - y.hi, self.hi - y.lo, "-", self, y)
 
     def __mul__(self, other: Interval | Fraction | int) -> Interval:
-        y = _interval(other)
-        products = [a * b for a in (self.lo, self.hi) for b in (y.lo, y.hi)]
-        return _enclose(min(products), max(products), "*", self, y)
+        x, y = self, _interval(other)
+        if x._mixed:
+            x, y = y, x
+        if x._mixed:
+            return _enclose(min(x.lo * y.hi, x.hi * y.lo), max(x.lo * y.lo, x.hi * y.hi), "*", x, y)
+        if x.lo.numerator >= 0:
+            low, high = y.lo * (x.lo if y.lo.numerator >= 0 else x.hi), y.hi * (x.hi if y.hi.numerator >= 0 else x.lo)
+        else:
+            low, high = y.hi * (x.lo if y.hi.numerator >= 0 else x.hi), y.lo * (x.hi if y.lo.numerator >= 0 else x.lo)
+        return _enclose(low, high, "*", self, y)
 
     def __truediv__(self, other: Interval | Fraction | int) -> Interval:
         """Return the quotient. Raises: UndefinedError if the divisor contains 0."""
         y = _interval(other)
-        if y.lo <= 0 <= y.hi:
+        if y.lo.numerator <= 0 <= y.hi.numerator:
             raise UndefinedError(f"division by {y}, which contains 0, is not defined.")
-        quotients = [a / b for a in (self.lo, self.hi) for b in (y.lo, y.hi)]
-        return _enclose(min(quotients), max(quotients), "/", self, y)
+        x, near, far = (self, y.lo, y.hi) if y.lo.numerator > 0 else (-self, -y.hi, -y.lo)
+        low, high = x.lo / (far if x.lo.numerator >= 0 else near), x.hi / (near if x.hi.numerator >= 0 else far)
+        return _enclose(low, high, "/", self, y)
 
     def __pow__(self, exponent: int) -> Interval:
         """Return the integer power; 0 ** 0 is 1. Raises: UndefinedError for a negative one if 0 lies inside."""
@@ -371,8 +383,8 @@ def _enclose(
     if kept is None:
         kept = _KEPT_POINT if lo == hi else _KEPT
     try:
-        low, high = (x if height(x) <= kept else move(x, bits) for x, move in ((lo, round_down), (hi, round_up)))
-        return Interval(low, high)
+        low = lo if height(lo) <= kept else round_down(lo, bits)
+        return Interval(low, hi if height(hi) <= kept else round_up(hi, bits))
     except OverflowError as cause:
         shown = " and ".join(str(operand) for operand in operands)
         raise UndefinedError(f"{operation} of {shown} exceeds the bound 2^{MAX_EXPONENT}.") from cause

@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -83,6 +84,8 @@ def solve_cones(
             return clarabel.PSDTriangleConeT(_order(size))
         return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
 
+    dense = all(isinstance(each.rows, np.ndarray) for each in cones)
+    stack = np.vstack if dense else sparse.vstack
     try:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
@@ -92,7 +95,7 @@ def solve_cones(
         answer = clarabel.DefaultSolver(
             sparse.csc_matrix(sparse.diags_array(np.zeros(len(cost)) if squares is None else squares)),
             cost,
-            sparse.csc_matrix(sparse.vstack([sparse.csc_array(each.rows) for each in cones])),
+            sparse.csc_matrix(stack([each.rows for each in cones])),
             np.concatenate([each.right for each in cones]),
             [kind(each) for each in cones],
             settings,
@@ -118,6 +121,10 @@ def _read(answer: Any, size: int) -> ConeAnswer:
 
 def svec(matrix: Any) -> Array:
     """The upper triangle (n (n + 1)/2,) of a NumPy or SciPy array (n, n), column by column, others times sqrt 2."""
+    if isinstance(matrix, np.ndarray):
+        i, j, weights = _triangle(len(matrix))
+        dense: Array = weights * matrix[i, j]
+        return dense
     table = sparse.coo_array(matrix)
     size = table.shape[0]
     upper = table.row <= table.col
@@ -125,6 +132,13 @@ def svec(matrix: Any) -> Array:
     result = np.zeros(size * (size + 1) // 2)
     np.add.at(result, j * (j + 1) // 2 + i, np.where(i == j, values, ROOT2 * values))
     return result
+
+
+@lru_cache(maxsize=8)
+def _triangle(size: int) -> tuple[Any, Any, Array]:
+    """Rows and columns of the upper triangle of an (n, n) matrix, column by column, and the weight of each entry."""
+    j, i = np.tril_indices(size)
+    return i, j, np.where(i == j, 1.0, ROOT2)
 
 
 def smat(vector: Array) -> Array:

@@ -35,6 +35,7 @@ SAMPLES = 4001  # points of a coupling's table
 MOST_TURNS = 200  # of a coupling in it: sine as far as 300
 WORK = 1_000_000  # evaluations of h per pass that are worth a finer grid of s
 FINEST, COARSEST = 33, 5
+AT_ONCE = 50_000  # evaluations of h in one call
 NEAREST = 1e-5  # the smallest s, as a part of rho
 STEP = 1e-6  # of central differences
 
@@ -66,8 +67,8 @@ class Field:
         scale = (np.abs(self.gains) + alpha) * v
         chosen = np.zeros(self.size, dtype=np.int64)
         choices = [(m, f, k) for m in range(len(self.modes)) for f in (1, -1) for k in range(len(self.grid))]
-        for number, (mode, face, k) in enumerate(choices):
-            row = self._sum(mode, face, float(self.grid[k]), v)
+        sums = (self.values(m, f, v) for m in range(len(self.modes)) for f in (1, -1))
+        for number, row in enumerate(row for each in sums for row in each):
             chosen[row > worst] = number
             worst = np.fmax(worst, row)  # a row that is no number is left out
             scale = np.maximum(scale, np.abs(row))
@@ -77,24 +78,25 @@ class Field:
     def rates(self, v: Array) -> Array:
         """The rate that v has at each s of the grid, (grid,): the least over agents, modes and faces."""
         faces = [(mode, face) for mode in range(len(self.modes)) for face in (1, -1)]
-        found = ((float(np.min(self.gains - self._sum(*f, s, v) / v)) for f in faces) for s in self.grid.tolist())
+        found = zip(*(np.min(self.gains - self.values(*each, v) / v, axis=1) for each in faces), strict=True)
         return np.array([min(np.inf, *rates) for rates in found])  # inf first: a rate that is no number is left out
 
     def values(self, mode: int, face: int, v: Array) -> Array:
         """One face of one mode: the largest sum of every agent at each s of the grid, without its gain, (grid, n)."""
-        return np.array([self._sum(mode, face, s, v) for s in self.grid.tolist()])
+        total = np.zeros((len(self.grid), self.size))
+        for group in self.modes[mode]:
+            own, other = v[group.listeners], v[group.speakers]
+            together = max(1, AT_ONCE // max(1, len(own)))
+            for first in range(0, len(self.grid), together):
+                values, _ = _sup(group, face, self.grid[first : first + together, None], own, other)
+                for k, value in enumerate(values, start=first):
+                    total[k] += np.bincount(group.listeners, weights=group.weights * value, minlength=self.size)
+        return total
 
     def slopes(self, mode: int, face: int, places: Any, v: Array) -> Any:
         """The derivatives in v, (n, n), of these sums, each agent at its own place (n,) of the grid."""
         choices = [(mode, face, k) for k in range(len(self.grid))]
         return self._jacobian(np.asarray(places), choices, v, 0.0) + sparse.diags_array(self.gains)
-
-    def _sum(self, mode: int, face: int, s: float, v: Array) -> Array:
-        total = np.zeros(self.size)
-        for group in self.modes[mode]:
-            value, _ = _sup(group, face, s, v[group.listeners], v[group.speakers])
-            total += np.bincount(group.listeners, weights=group.weights * value, minlength=self.size)
-        return total
 
     def _jacobian(self, chosen: Any, choices: Sequence[tuple[int, int, int]], v: Array, alpha: float) -> Any:
         """Each agent has the choice (mode, face, place in the grid) of its own number."""
@@ -153,11 +155,11 @@ def _extremes(h: Callable[[Array], Array], *, radius: float) -> tuple[tuple[Arra
     return extremes[0], extremes[1]
 
 
-def _sup(group: Group, face: int, s: float, own: Array, other: Array) -> tuple[Array, Any]:
+def _sup(group: Group, face: int, s: float | Array, own: Array, other: Array) -> tuple[Array, Any]:
     """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end, 2 inside."""
     high, low = s * (other - own), -s * (other + own)
     best = face * group.h(face * high) / s
-    where = np.zeros(len(best), dtype=np.int64)
+    where = np.zeros(best.shape, dtype=np.int64)
     places, values = group.tops if face > 0 else group.bottoms
     if not len(places):
         return best, where

@@ -140,7 +140,7 @@ def _loop(problem: Problem, h: Any, disturbance: arrays.Disturbance) -> dict[str
     def correction(y: Any) -> Any:
         """W y of every agent, whose gains are blocks of a large matrix where they differ."""
         W = disturbance.W
-        return per_agent(ca.DM(W), y) if W.ndim == 2 else _constant(sp.csr_array(sp.block_diag(list(W)))) @ y
+        return per_agent(ca.DM(W), y) if W.ndim == 2 else _constant(sp.block_diag([*map(sp.csr_array, W)])) @ y
 
     def observe(z: Any, x: Any, u: Any) -> tuple[Any, Any, Any]:
         """z_dot, xihat and dhat of (13)."""

@@ -18,7 +18,7 @@ exclude_patterns = ["_build", "_ext"]
 suppress_warnings = ["mystnb.unknown_mime_type"]  # notebooks show widgets and figures in richer ways as well
 
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
-myst_heading_anchors = 3
+myst_heading_anchors = 4
 nb_execution_mode = "cache"  # a notebook that did not change is not run again
 nb_execution_timeout = 600  # s, for a slow machine
 nb_execution_raise_on_error = True

@@ -109,6 +109,12 @@ def test_only_small_networks_and_couplings_by_component_are_taken():
         build_forms(vectors, plain(4), S=None, rate=Fraction(0))
 
 
+def test_one_number_out_of_the_range_of_floats_among_others_is_refused():
+    problem = Problem(network=cycle(2, 3).network, coupling="y", gains={1: 3, 2: "1e-150"}, target=0)
+    with pytest.raises(SpecError, match="between 1e-100 and 1e100"):
+        build_forms(problem, plain(2), S=None, rate=Fraction(0))
+
+
 @pytest.mark.parametrize("change", [{"outer": Fraction(1, 2)}, {"half": Fraction(0)}, {"rate": Fraction(1)}])
 def test_what_cannot_be_a_claim_is_refused(change):
     given = {"lure": plain(2), "outer": Fraction(2), "half": Fraction(2), "tree": "."}

@@ -57,6 +57,13 @@ def test_the_lone_folder_confirms_boxes(tmp_path):
     assert "holds  exhaustive : proved" in done.stdout
 
 
+def test_a_list_with_a_clipped_expression_needs_the_radius():
+    """clip(y1, -1, 1) is not linear although two of its three arguments are constants; y2 is."""
+    arcs = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    problem = Problem(network=arcs, coupling=["clip(y1, -1, 1)", "y2"], gains=1, target=[0, 0])
+    assert quadratic.relied(checker.Problem(canonical_bytes(problem))) == {(2, 0)}
+
+
 # --- Settling times that the package finds --------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def staged() -> tuple[dict[str, Any], bytes]:

@@ -80,6 +80,7 @@ CHANGES = [
     {"observer.W": [[1], [2]], "observer.P": None},
     {"observer.W": None, "observer.P": None},
     {"exosystem": None, "observer": None, "simulation.xi0": None, "region.initial_disturbance": None},
+    {"observer": None, "observer.W": [[1], [2]]},
     {"exosystem.A": [[0]], "exosystem.C": [[1]], "observer": None, "simulation.xi0": [3], "observer.rate": 1},
 ]
 

@@ -234,3 +234,9 @@ def test_where_no_estimate_can_be_shown_the_bound_is_the_largest_row_sum(monkeyp
     """Gershgorin: eigenvalues 3 +- sqrt(5) of [[1, 1], [1, 5]], row sums 2 and 6."""
     monkeypatch.setattr("dobc_design.conditions.quadratic.decide.RISE", ())
     assert eigenvalue_bound(SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(5)})) == 6
+
+
+def test_without_a_pair_not_even_a_point_is_covered_with_a_disturbance():
+    lure = with_tau(cycle(3, 3), Fraction(1), Fraction(1, 2))
+    assert covers(cycle(3, 3), lure, radius=Fraction(0))
+    assert not covers(cycle(3, 3), lure, radius=Fraction(0), disturbance=Fraction(1))

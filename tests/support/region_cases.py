@@ -271,6 +271,8 @@ def _good() -> Iterator[Case]:
     third = changed(HELD, period="1/3", factor="5/6")
     yield case("heavy line", HOLDS, LINE, third, what="held for 1 / (3 slope)")
     yield case("heavy line", FAILS, LINE, changed(third, period="0.334"), what="held for longer")
+    late = claim("sampling", box(1), None, {"period": "0.4", "factor": "0.9"})
+    yield case("matrix", FAILS, MATRIX, late, what="held for longer than 1 / max k_cc = 1/3")
     yield case("loose", HOLDS, STUCK, **REFUTED, what="stuck")
     alone = {"kind": "agents", "labels": ["2"]}
     yield case("half loose", HOLDS, STUCK | {"witness": alone}, **UNDECIDED, what="stuck in mode A")

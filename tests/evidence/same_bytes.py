@@ -6,8 +6,9 @@ import os
 import subprocess
 import sys
 
-from dobc_design.problem.load import builtin_names
 from evidence.row import Row
+
+from dobc_design.problem.load import builtin_names
 
 LONG = ("karate-club", "microgrid-ieee14", "uav-swarm")
 NAMES = sorted(builtin_names(), key=lambda name: (name in LONG, name))

@@ -180,6 +180,7 @@ def collected() -> Tests:
         ran = pytest(copy, *options, "--durations-min=0", *(f"tests/{each}" for each in ROOMS))
         if ran.returncode:
             raise RuntimeError(f"the unchanged sources fail:\n{ran.stdout[-3000:]}")
+        shutil.rmtree(copy)
         (folder / "log").write_text(ran.stdout, "utf-8")
     return Tests(folder)
 

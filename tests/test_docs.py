@@ -9,7 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from dobc_design.certificate import text
+from dobc_design.checker import quadratic, reading
 from dobc_design.cli.main import main
+from dobc_design.conditions import numbers
+from dobc_design.coupling import expression, parser, tree
+from dobc_design.exact import number
+from dobc_design.problem import arcs_file, load
 from dobc_design.problem.schema import json_schema
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -193,3 +199,31 @@ def test_the_comparison_has_the_columns_that_the_benchmark_prints():
     ]
     (head,) = (ast.literal_eval(node.value) for node in assigned)
     assert head in (ROOT / "docs/comparison.md").read_text("utf-8").splitlines()
+
+
+PROBLEM_FILE, FORMAT = "docs/reference/problem-file.md", "docs/certificate-format.md"
+LIMITS = [
+    (PROBLEM_FILE, "at most {} MB. Numbers", load.MAX_BYTES // 2**20),
+    (PROBLEM_FILE, "Arc files have at most {} GB", arcs_file.MAX_BYTES // 10**9),
+    (PROBLEM_FILE, "Expressions have at most {} characters", expression.LONGEST),
+    (PROBLEM_FILE, "characters and depth {};", parser.DEEPEST),
+    (PROBLEM_FILE, "integers up to {} or 1/2", tree.LARGEST_EXPONENT),
+    (PROBLEM_FILE, "Numbers have at most {} digits", number.MAX_CHARACTERS),
+    (PROBLEM_FILE, "digits and exponents up to {}.", number.MAX_EXPONENT),
+    (FORMAT, "files above {} MiB", text.MAX_BYTES // 2**20),
+    (FORMAT, "lone checker reads {} MiB", reading.MAX_BYTES // 2**20),
+    (FORMAT, "in a certificate up to {} characters", numbers.LONGEST),
+    (FORMAT, "in a certificate up to {} characters", reading.MAX_DIGITS),
+    (FORMAT, "certificates of up to {} rows", quadratic.ROWS),
+    (FORMAT, "trees of up to {} characters", quadratic.LETTERS),
+    (FORMAT, "at most {} times further", quadratic.FURTHER),
+    (FORMAT, "into at most {} pieces more", quadratic.PIECES),
+]
+
+
+@pytest.mark.parametrize(("page", "sentence", "limit"), LIMITS)
+def test_a_limit_that_a_page_names_is_the_one_of_the_code(page: str, sentence: str, limit: int):
+    """How each is refused is tested where it is read."""
+    assert sentence.format(f"{limit:,}".replace(",", " ") if limit >= 10_000 else limit) in " ".join(
+        (ROOT / page).read_text("utf-8").split()
+    )

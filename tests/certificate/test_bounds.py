@@ -78,6 +78,7 @@ def test_the_max_separable_bound_is_that_of_its_numbers(curved):
     wanted = max(v) * first * np.exp(-min(alpha, beta - 1 / (kappa * min(v))) * t)
     np.testing.assert_allclose(bound(t), wanted, rtol=1e-9)
     assert (bound(t) >= wanted * (1 - 1e-15)).all()
+    assert bound(np.array([1e9])) > 0  # what underflows is not 0
     assert bound.sources == ("max-separable",)
 
 

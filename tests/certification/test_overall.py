@@ -188,6 +188,8 @@ def test_an_unstable_linearisation_refutes_and_enough_pinning_cures_it():
     # it is about starts near the target
     assert verdict(h="-y", gains="1/2", region=region(-1, 1)) is REFUTED
     assert verdict(h="-y", gains="1/2", region=region(1, 2)) is UNDECIDED
+    # every start there has e_1 >= 0 in one component, so those near the target are not all allowed
+    assert verdict(h="-y", gains="1/2", target=[0, 0], region={"initial_states": [[0, 1], [-1, 1]]}) is UNDECIDED
     # slopes that turn: J - K = -(L (x) R) - K with complex eigenvalues
     for gains, answer in (("1/10", REFUTED), (5, PROVED)):
         assert verdict([[1, 2], [2, 3], [3, 1]], ["y2", "-y1"], gains=gains, target=[0, 0]) is answer

@@ -29,6 +29,7 @@ from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.checker import quadratic
+from dobc_design.checker.matrices import identity
 from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.quadratic.stage import quadratic_stage
@@ -55,6 +56,39 @@ def test_the_lone_folder_confirms_boxes(tmp_path):
     done = alone(tmp_path, boxes.certificate, boxes.problem)
     assert (done.returncode, done.stderr) == (HOLDS, "")
     assert "holds  exhaustive : proved" in done.stdout
+
+
+def test_a_list_with_a_clipped_expression_needs_the_radius():
+    """clip(y1, -1, 1) is not linear although two of its three arguments are constants; y2 is."""
+    arcs = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    problem = Problem(network=arcs, coupling=["clip(y1, -1, 1)", "y2"], gains=1, target=[0, 0])
+    assert quadratic.relied(checker.Problem(canonical_bytes(problem))) == {(2, 0)}
+
+
+def reader(h: Any) -> tuple[checker.Problem, str]:
+    """Agent 2 of three hears agent 3 with weight 2; two components."""
+    arcs = Network.from_arcs([[2, 3, 2]], arrow="listens_to", agents=3)
+    read = checker.Problem(canonical_bytes(Problem(network=arcs, coupling=h, gains=1, target=[0, 0])))
+    return read, *read.modes
+
+
+def test_channels_of_several_components_lead_from_the_differences_to_the_rows():
+    read, mode = reader(["y1 + y2", "y2"])
+    gains = [[(Fraction(lo), Fraction(hi)) for lo, hi in row] for row in (((1, 3), (0, 0)), ((1, 1), (0, 4)))]
+    found = quadratic.channels(read, mode, {read.couplings[0]: gains})
+    assert found == [(2, 2, 4, 4, 2), (3, 2, 4, 2, 0), (3, 3, 5, 4, 4)]
+
+
+def test_the_field_of_several_components_joins_each_with_its_own():
+    read, mode = reader("tanh(y)")
+    claim = SimpleNamespace(P_e=identity(6), rate=Fraction(0))
+    assert [(a, b) for *_, a, b in quadratic.field(read, mode, claim, identity(6)).arcs] == [(2, 4), (3, 5)]
+
+
+def test_every_agent_pays_for_its_own_observer_error():
+    agents = SimpleNamespace(q=0, m=1, n=3, block=lambda S, i: [[Fraction(i)]])
+    costs = quadratic.noise(SimpleNamespace(problem=agents), None)
+    assert [row[i] for i, row in enumerate(costs)] == [0, 1, 2]
 
 
 # --- Settling times that the package finds --------------------------------------------------------------------------

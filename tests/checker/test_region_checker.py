@@ -8,6 +8,7 @@ import random
 import time
 from collections.abc import Callable
 from fractions import Fraction
+from types import SimpleNamespace
 
 import mpmath
 import numpy as np
@@ -22,8 +23,9 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
-from dobc_design.checker import separable
+from dobc_design.checker import files, separable
 from dobc_design.checker.expressions import read_coupling
+from dobc_design.checker.intervals import added
 from dobc_design.checker.separable import Curve, mean_slope, supremum
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.load import load_problem
@@ -158,6 +160,33 @@ def test_forces_and_their_slopes_hold_random_points():
                     lo, hi = slopes[a].get(b, (0, 0))
                     slope = mpmath.diff(lambda *x, a=a: forces(*x)[a], tuple(e), tuple(int(k == b) for k in range(6)))
                     assert lo - 1e-9 <= slope <= hi + 1e-9
+
+
+def test_a_force_at_a_point_that_no_float_is_lies_between_its_bounds():
+    """e_2 - e_1 = 1/3, and -1/3 for the other agent."""
+    arcs = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to", agents=2)
+    read = checker.Problem(canonical_bytes(Problem(network=arcs, coupling="y", gains={})))
+    values, _ = separable.forces(read, *read.modes, [[Fraction(0)] * 2, [Fraction(1, 3)] * 2])
+    for (lo, hi), truth in zip(values, (Fraction(1, 3), Fraction(-1, 3)), strict=True):
+        assert Fraction(lo) <= truth <= Fraction(hi)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("y", [(0.0, 0.7), (-0.7, 0.0), (-0.7, 0.7), (0.7, 0.7)])
+@pytest.mark.parametrize("x", [(0.0, 0.1), (-0.1, 0.0), (-0.1, 0.1), (0.1, 0.1)])
+def test_the_exact_ends_of_a_sum_lie_between_its_bounds(x, y, sign: int):
+    x, y = (tuple(sorted(sign * end for end in each)) for each in (x, y))
+    lo, hi = added(x, y)
+    assert Fraction(lo) <= Fraction(x[0]) + Fraction(y[0])
+    assert Fraction(x[1]) + Fraction(y[1]) <= Fraction(hi)
+
+
+def test_a_lower_bound_of_the_form_takes_the_lower_slope_for_every_positive_weight():
+    """v'Lambda v = 2 v_a (v_b - v_c) g with g from 1 to 2: weights 1/2 and -1/2."""
+    terms = SimpleNamespace(terms=lambda mode: [(0, 1, 2, (Fraction(1), Fraction(2)))])
+    v = [Fraction(1, 2), Fraction(1, 2), Fraction(0)]
+    assert files.Problem.low(terms, "G", v) == Fraction(1, 2)
+    assert files.Problem.low(terms, "G", [-v[0], *v[1:]]) == -1
 
 
 # --- Hostile claims -------------------------------------------------------------------------------------------------

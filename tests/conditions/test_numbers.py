@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dobc_design.checker.reading import rational
-from dobc_design.conditions.numbers import LONGEST, claimed, decimal_above, largest_proved, read_rational, shorten
+from dobc_design.checker.reading import Refused, rational, short
+from dobc_design.conditions.numbers import (
+    LONGEST,
+    MATRIX_BITS,
+    VECTOR_BITS,
+    claimed,
+    decimal_above,
+    has_short_denominator,
+    largest_proved,
+    read_rational,
+    shorten,
+)
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
 
@@ -105,3 +116,15 @@ def test_json_numbers_are_no_rationals():
     for value in (1, 1.5, None, True, ["1"], {}):
         with pytest.raises(ValueError, match="must be a rational as text"):
             read_rational(value)
+
+
+@pytest.mark.parametrize("bits", [VECTOR_BITS, MATRIX_BITS])
+def test_both_programs_take_common_denominators_as_long_as_the_format_page_says(bits: int):
+    page = (Path(__file__).parents[2] / "docs" / "certificate-format.md").read_text("utf-8")
+    assert f"{bits:,}".replace(",", " ") in page
+    fits = [Fraction(1, 2 ** (bits - 1)), Fraction(3, 4)]
+    assert has_short_denominator(fits, bits)
+    short(fits, bits)
+    assert not has_short_denominator([*fits, Fraction(1, 3)], bits)
+    with pytest.raises(Refused, match="common denominator"):
+        short([*fits, Fraction(1, 3)], bits)

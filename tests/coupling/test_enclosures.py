@@ -81,6 +81,12 @@ def test_slopes_are_tight_and_clarkes_at_kinks(text: str, low: float, high: floa
     assert high - 1e-12 <= found.hi < high + 1e-5
 
 
+def test_slopes_are_enclosed_where_the_interval_is_not_symmetric_and_the_curvature_changes_sign():
+    """tanh on [-1/1000, 1]: h' is 1 at 0 and 1 - tanh(1)^2 at 1."""
+    found = slope_form(curve("tanh(y)"), Interval(Fraction(-1, 1000), Fraction(1)))
+    assert found.lo <= 1 - math.tanh(1) ** 2 < 1 <= found.hi
+
+
 def test_a_requested_tightness_is_reached():
     """y/(2 + y^2) has its extremes +-1/(2 sqrt 2) inside; natural interval arithmetic gives +-1."""
     truth = 1 / (2 * math.sqrt(2))

@@ -13,9 +13,11 @@ from evidence import (
     falsified,
     hadamard,
     jacobians,
+    mutation,
     optimal,
     pinning,
     robustness,
+    same_bytes,
     simulations,
     sweeps,
 )
@@ -26,7 +28,7 @@ FUZZ = "fuzz"
 
 @dataclass(frozen=True, kw_only=True)
 class Item:
-    """``run(count, seed)`` gives a Row; the same seed gives the same cases.  CI runs one case in ``share``."""
+    """``run(count, seed)`` gives a Row; the same seed gives the same cases.  CI runs one case in ``share``, 0: none."""
 
     name: str
     run: Callable[[int, int], Row]
@@ -69,4 +71,6 @@ ITEMS = (
     Item(name="stacked-runs", run=simulations.stacked, count=150, seed=9350, share=20),
     Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400, share=60),
     Item(name="sweep", run=sweeps.run, count=2000, seed=0, share=50),
+    Item(name="same-bytes", run=same_bytes.run, count=len(same_bytes.NAMES), seed=0, share=3),
+    Item(name="mutation", run=mutation.run, count=40, seed=20261122, share=0),  # the tests of ten minutes are its base
 )

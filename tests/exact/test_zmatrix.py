@@ -61,6 +61,7 @@ def test_a_positive_entry_beside_the_diagonal_counts_against_the_vector():
 def test_a_vector_that_is_not_positive_or_has_the_wrong_length_proves_nothing():
     M = grounded_ring(3, Fraction(1))
     assert not proves(M, (1, 1, 0))
+    assert not proves(M, (0, 0, 0), strict=False)
     assert not proves(M, (1, 1))
     assert not proves(M, (1, 1, 1)) and proves(M, (1, 1, 1), strict=False)
     indefinite = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(-5), (1, 1): Fraction(1)})

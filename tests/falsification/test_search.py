@@ -275,3 +275,13 @@ def test_networks_beyond_sixty_rows_are_simulated_only():
 def test_wrong_arguments_are_refused(given: dict, complaint: str):
     with pytest.raises(SpecError, match=complaint):
         dd.falsify(listening_pair(), **given)
+
+
+def test_an_observer_that_is_too_fast_to_be_followed_is_told_and_starts_at_its_disturbance():
+    """|A - WC| times the horizon is far beyond what the closed form covers."""
+    given = {"coupling": "y", "gains": 1, "region": {"initial_states": [-1, 1], "initial_disturbance": "1/2"}}
+    found = []
+    for w in (1, "1e12"):
+        observed = {"exosystem": dd.exosystems.constant(), "observer": dd.Observer(W=[[w]])}
+        found.append(tuple(dd.falsify(Problem(network=listening_pair().network, **given, **observed), runs=5).notes))
+    assert found == [(), ("The observer is too fast for its closed form: every run starts with xihat = xi.",)]

@@ -22,6 +22,7 @@ from dobc_design.problem.changes import (
     typed_number,
     value_text,
 )
+from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import builtin_names, builtin_text, load_problem, read_problem_text, source_text
 
 
@@ -94,6 +95,13 @@ def test_a_change_of_the_text_and_of_the_problem_are_the_same(changes):
     text = changed_text(TEXT, changes)
     assert canonical_bytes(read(text)) == canonical_bytes(changed_problem(problem, changes))
     assert canonical_bytes(changed_problem(problem, changes)) != canonical_bytes(problem)
+
+
+def test_a_change_that_removes_the_observer_removes_its_gain_too():
+    changes = {"observer": None, "observer.W": [[1], [2]]}
+    problem = load_problem("paper-fixed")
+    assert changed_problem(problem, changes).observer == Observer()
+    assert read(changed_file(problem, changes, text=TEXT, folder=Path())).observer == Observer()
 
 
 def test_comments_notes_and_order_stay():

@@ -22,7 +22,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Pinning, Problem
-from dobc_design.problem.settings import Region, Switching
+from dobc_design.problem.settings import Region, Simulation, Switching
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -189,6 +189,12 @@ def test_a_system_in_discrete_time_or_without_a_state_is_refused():
         ({"region": {"initial_state": [0, 1]}}, "region.initial_state", "is an unknown key"),
         ({"region": {"initial_states": [0, 1], "initial_disturbance": 1}}, "region.initial_disturbance", "no meaning"),
         ({"exosystem": SINE, "region": {"initial_states": [0, 1]}}, "region.initial_disturbance", "is required when"),
+        ({"region": Simulation(t_final=Fraction(1), seed=0, xi0=None)}, "region", "must be"),
+        (
+            {"simulation": Region(initial_states=((Fraction(0), Fraction(1)),), initial_disturbance=None)},
+            "simulation",
+            "must be",
+        ),
         ({"simulation": {"seed": 2**63}}, "simulation.seed", "whole number from 0 to"),
         ({"exosystem": SINE, "simulation": {"xi0": [1]}}, "simulation.xi0", "must have 2 numbers"),
         ({"exosystem": SINE, "simulation": {"xi0": [[1, 0]] * 2}}, "simulation.xi0", "must have 3 rows"),

@@ -144,6 +144,15 @@ def test_a_frozen_agent_keeps_its_input_and_what_others_hear_of_it():
     assert run.x[-1, 0, 0] == pytest.approx(value, abs=1e-6)
 
 
+@pytest.mark.parametrize("more", [{"loss": 0.1}, {"period": 0.05}], ids=str)
+def test_without_a_disturbance_its_frequency_does_nothing(more):
+    """sin(1e308 t) is no number; 0 times it has to be 0."""
+    runs = [simulate(pair(), t_final=20, samples=21, stress=Stress(frequency=f, **more)) for f in (1, 1e308)]
+    for part in ("x", "d"):
+        np.testing.assert_array_equal(getattr(runs[0], part), getattr(runs[1], part))
+        assert np.isfinite(getattr(runs[1], part)).all()
+
+
 @pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED], ids=["continuous", "sampled"])
 def test_everything_at_once_is_the_same_again_for_the_same_seed(stress: Stress):
     problem, signal = dd.load_problem("paper-switching"), dd.RandomDwell(dwell=0.5)

@@ -88,6 +88,7 @@ def _settings() -> dict[str, Document]:
         "observed": given(cubic, **WATCHED),
         "observed, linear": given("y", **WATCHED),
         "line": given("y", **first),
+        "heavy line": given("y", **first | {"network": network([[2, 1, 3]], agents=2)}),
         "curved line": given("exp(y) - 1 + y", **first),
         "no region": {"coupling": "y", **first},
         "sine": given("sin(y)", **first),
@@ -267,6 +268,11 @@ def _good() -> Iterator[Case]:
     yield case("line", HOLDS, LINE_BOX, sharp, what="held for exactly 1 / slope")
     yield case("pair", HOLDS, UNEVEN, HELD_OWN, what="held by weights of its own")
     yield case("observed", HOLDS, OBSERVED, HELD_OBSERVED, what="held by an observer's part of its own")
+    third = changed(HELD, period="1/3", factor="5/6")
+    yield case("heavy line", HOLDS, LINE, third, what="held for 1 / (3 slope)")
+    yield case("heavy line", FAILS, LINE, changed(third, period="0.334"), what="held for longer")
+    late = claim("sampling", box(1), None, {"period": "0.4", "factor": "0.9"})
+    yield case("matrix", FAILS, MATRIX, late, what="held for longer than 1 / max k_cc = 1/3")
     yield case("loose", HOLDS, STUCK, **REFUTED, what="stuck")
     alone = {"kind": "agents", "labels": ["2"]}
     yield case("half loose", HOLDS, STUCK | {"witness": alone}, **UNDECIDED, what="stuck in mode A")
@@ -292,6 +298,7 @@ def _bent_separable() -> Iterator[Case]:
         yield case(name, FAILS, changed(check, alpha=alpha), what="alpha")
     yield case("sine", FAILS, changed(SINE, rho="1.9", alpha="0.01", rate=0.01), what="a summit inside")
     yield from bents("line", LINE, {"alpha": "0.5001"}, {"v": ["1", "1.9999"]})
+    yield case("line", FAILS, changed(LINE, v=doubles(0.0, 0.0)), what="v is 0")
     for name in ("root", "log", "pole"):  # they are not defined on [-2, 0]
         yield case(name, FAILS, PAIR, what="it leaves the domain of h")
     yield case("tangent", FAILS, changed(PAIR, rho="2", domain=box(2)), what="a pole inside")

@@ -41,6 +41,16 @@ def result(tmp_path_factory):
     return sweep(path, OVER, samples=2, jobs=1)
 
 
+def test_every_case_stands_in_the_journal_as_soon_as_it_is_finished(chain, tmp_path):
+    seen = []
+
+    def look(state: State) -> None:
+        seen.append((state.done, (tmp_path / "out" / "results.jsonl").read_bytes().count(b"\n")))
+
+    sweep(chain, OVER, samples=1, jobs=1, out=tmp_path / "out", progress=look)
+    assert seen == [(k, k) for k in range(7)]
+
+
 def test_a_sweep_says_of_every_case_what_certify_says_of_the_same_file(chain, result):
     """The oracle is certify on a text in which the values were put by hand."""
     assert len(result) == 2 * 3 * 2

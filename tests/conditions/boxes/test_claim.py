@@ -101,12 +101,26 @@ def test_where_a_coupling_is_not_defined_the_bound_is_infinite():
         assert np.isfinite(bound[0]) == defined
 
 
+@pytest.mark.parametrize("centre", [(-1, -3), (-3, -1), (1, 3), (3, 1)])
+def test_nothing_is_shown_where_a_coupling_is_not_defined_whatever_its_sign(centre):
+    """log(1 + y) at y = -2, times an error of either sign."""
+    form = build_forms(cycle(2, 3, coupling="log(1 + y)"), plain(2), S=None, rate=Fraction(0))["G"]
+    boxes = Boxes(centres=np.array([centre], dtype=float), halves=np.full((1, 2), 0.125))
+    assert not np.any(upper_bounds(form, boxes)[0] < 0)
+
+
 def test_only_small_networks_and_couplings_by_component_are_taken():
     with pytest.raises(SpecError, match="at most 6 rows n m; got 7"):
         build_forms(cycle(7, 3), plain(7), S=None, rate=Fraction(0))
     vectors = Problem(network=cycle(2, 3).network, coupling=["y1 + y2", "y2"], gains=3, target=[0, 0])
     with pytest.raises(SpecError, match="act by component"):
         build_forms(vectors, plain(4), S=None, rate=Fraction(0))
+
+
+def test_one_number_out_of_the_range_of_floats_among_others_is_refused():
+    problem = Problem(network=cycle(2, 3).network, coupling="y", gains={1: 3, 2: "1e-150"}, target=0)
+    with pytest.raises(SpecError, match="between 1e-100 and 1e100"):
+        build_forms(problem, plain(2), S=None, rate=Fraction(0))
 
 
 @pytest.mark.parametrize("change", [{"outer": Fraction(1, 2)}, {"half": Fraction(0)}, {"rate": Fraction(1)}])

@@ -77,6 +77,15 @@ def test_the_region_is_refuted_as_soon_as_the_level_is_too_large():
     assert verify_lure(problem, replace(above, level=None)).step == "region"
 
 
+def test_the_region_is_refuted_where_the_level_set_leaves_the_radius_of_one_arc_only():
+    """P_e = diag(1, 100, 100), r = 1: c'P_e^-1 c is 1.01 for the first arc and 0.02 for the second."""
+    problem = linked([[1, 2], [2, 3]], coupling="tanh(y)", gains=9)
+    metric = SparseSymmetric(3, {(k, k): Fraction(1 if k == 0 else 100) for k in range(3)})
+    exact = certificate(problem, Fraction(1), P_e=metric, method="vertices", level=Fraction(100, 101))
+    assert is_proved(problem, exact)
+    assert verify_lure(problem, replace(exact, level=Fraction(1))).step == "region"
+
+
 # gain 1 as far as |y| <= 1, negative beyond; gain 0 there: no channel at all
 @pytest.mark.parametrize("h", ["y - 10*max(y - 1, 0) + 10*max(-y - 1, 0)", "10*max(-y - 1, 0) - 10*max(y - 1, 0)"])
 def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_number(h):
@@ -219,3 +228,15 @@ def test_the_bound_on_the_largest_eigenvalue_lies_just_above_it(seed):
     assert eigenvalue_bound(SparseSymmetric(2, {(0, 0): Fraction(-1), (1, 1): Fraction(-2)})) == -1
     repeated = SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})
     assert eigenvalue_bound(repeated) >= 2
+
+
+def test_where_no_estimate_can_be_shown_the_bound_is_the_largest_row_sum(monkeypatch):
+    """Gershgorin: eigenvalues 3 +- sqrt(5) of [[1, 1], [1, 5]], row sums 2 and 6."""
+    monkeypatch.setattr("dobc_design.conditions.quadratic.decide.RISE", ())
+    assert eigenvalue_bound(SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(5)})) == 6
+
+
+def test_without_a_pair_not_even_a_point_is_covered_with_a_disturbance():
+    lure = with_tau(cycle(3, 3), Fraction(1), Fraction(1, 2))
+    assert covers(cycle(3, 3), lure, radius=Fraction(0))
+    assert not covers(cycle(3, 3), lure, radius=Fraction(0), disturbance=Fraction(1))

@@ -25,6 +25,7 @@ from separable_problems import (
 from dobc_design.conditions.separable.claim import (
     FACES,
     ErrorBound,
+    Row,
     Separable,
     Term,
     find_ordering,
@@ -39,6 +40,8 @@ from dobc_design.conditions.separable.decide import (
     decide_row,
     error_bound_obstacle,
     largest_rate,
+    lower_bound,
+    upper_bound,
     verify_composite,
     verify_separable,
 )
@@ -46,6 +49,7 @@ from dobc_design.conditions.separable.large import arc_rows, float_kinds, gain_t
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.exact.interval import Interval
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import load_problem
@@ -134,6 +138,22 @@ def test_a_face_that_only_the_lower_row_sees():
     assert (answer.verdict, answer.face) == (Verdict.REFUTED, "upper")
     mirrored = verify_separable(pair("1 - exp(-y)"), Separable(v=v, alpha=F("0.32"), rho=F(1)))
     assert (mirrored.verdict, mirrored.face) == (Verdict.REFUTED, "lower")
+
+
+@pytest.mark.parametrize(("h", "face"), [("exp(y) - 1", "upper"), ("1 - exp(-y)", "lower")])
+def test_the_face_that_floats_leave_open_is_the_one_that_is_decided_exactly(monkeypatch, h: str, face: str):
+    monkeypatch.setattr("dobc_design.conditions.separable.decide.MANY_ARCS", 0)
+    answer = verify_separable(pair(h), Separable(v=fractions(1, 2), alpha=F("0.32"), rho=F(1)))
+    assert (answer.verdict, answer.face) == (Verdict.REFUTED, face)
+
+
+@pytest.mark.parametrize("lo", ["9/10", "99/100", "6/5"])
+def test_a_coupling_that_turns_within_one_step_counts_with_its_maximum(lo: str):
+    """10 (2 y - y^2) is 10 at y = 1 and less at 6/5: 10/s + 100 s^2 = 457/3 at s = 6/5, not 8 + 144."""
+    kinds = [profile(Curve(pair(h).coupling.components[0]), F(8)) for h in ("10*(2*y - y**2)", "100*y**3")]
+    row = Row((Term(0, F(1), F(3), F(1)), Term(1, F(1), F(3), F(1))), F(0), F(1))
+    assert upper_bound(row, 1, kinds, Interval(F(lo), F(6, 5))) >= F(457, 3)
+    assert lower_bound(row, 1, kinds, F(6, 5)) <= F(457, 3)
 
 
 @pytest.mark.slow

@@ -13,7 +13,13 @@ from separable_problems import MONOTONE, PAPER, TURNING, cycle, float_gains, fra
 from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, SamplingBound, Separable
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
-from dobc_design.conditions.separable.timing import largest_period, longest_delay, sampled_factor, verify_delay
+from dobc_design.conditions.separable.timing import (
+    largest_period,
+    longest_delay,
+    sampled_factor,
+    verify_delay,
+    verify_sampling,
+)
 from dobc_design.errors import SpecError
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -127,11 +133,22 @@ def test_the_period_of_a_convex_coupling_is_that_of_the_whole_way():
     assert -2 + float(h([3.0])[0]) * 1.5 / mean > 2
 
 
-def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only():
-    """Slope 41/10 on 1/2 < |y| < 1 and 1/10 elsewhere; agent 2 starts at y = -1, so T <= 10/41."""
-    problem = pair("y/10 + clip(4*(y - 1/2), 0, 2) + clip(4*(y + 1/2), -2, 0)", k=1)
+@pytest.mark.parametrize("many", [100, 0])  # arcs from which on slopes are bounded on a grid
+def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only(monkeypatch, many: int):
+    """Slope 41/10 on -1 < y < -1/2 and 1/10 elsewhere; agent 2 starts at y = -1, so T <= 10/41."""
+    monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", many)
+    problem = pair("y/10 + clip(4*(y + 1/2), -2, 0)", k=1)
     claim = Separable(v=fractions(1, 2), alpha=F(1, 100), rho=F(1))
     assert largest_period(problem, claim).period == F("0.243902439")
+
+
+def test_a_matrix_gain_limits_the_period_by_its_diagonal():
+    """T max k_cc <= 1: rows of the gain are worth 3 - 1 and 2 - 1, but a step overshoots by 3 T."""
+    problem = listening([], "y", n=1, gains={1: [[3, 1], [-1, 2]]}, target=[0, 0])
+    claim = Separable(v=fractions(1), alpha=F(1), rho=None)
+    assert largest_period(problem, claim) == SamplingBound(period=F("0.333333333"), factor=1 - F("0.333333333"))
+    longer = SamplingBound(period=F("0.334"), factor=F("0.9"))
+    assert verify_sampling(problem, claim, longer).verdict is Verdict.UNDECIDED
 
 
 def test_matrix_gains_and_couplings_that_do_not_apply_have_no_period():

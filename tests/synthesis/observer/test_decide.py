@@ -17,11 +17,20 @@ from dobc_design.exact.matrix import matrix, to_float
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz
 from dobc_design.problem import exosystems
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.synthesis.observer.claim import CHANNELS, Cone, Disk, HalfPlane, NoiseLimit, read_observer_request
+from dobc_design.synthesis.observer.claim import (
+    CHANNELS,
+    Cone,
+    Disk,
+    HalfPlane,
+    NoiseLimit,
+    ObserverRequest,
+    read_observer_request,
+)
 from dobc_design.synthesis.observer.decide import (
     StateSpace,
     channel,
     damping_holds,
+    gain_statements,
     h2_squared,
     hinf_below,
     hurwitz_statement,
@@ -276,3 +285,12 @@ def test_an_irrational_hidden_rate_is_bounded_from_below():
     assert found**2 - 3 * found + 1 >= 0
     assert float(found) == pytest.approx(0.3819660113, rel=1e-8)
     assert found < Fraction("0.38196601126")
+
+
+def test_the_bounds_on_noise_are_decided_for_a_sampled_observer_too():
+    """A = 0, C = 1: 1/(s + W) is 1/W at 0, and stays below a bound above that."""
+    for bound, verdict in (("11/10", Verdict.PROVED), ("9/10", Verdict.REFUTED)):
+        limit = NoiseLimit(channel="exosystem", norm="hinf", bound=Fraction(bound))
+        request = ObserverRequest(period=Fraction(1, 10), noise=(limit,))
+        *_, found = gain_statements(CONSTANT, matrix([[1]]), request)
+        assert (found.kind, found.verdict) == ("noise", verdict)

@@ -401,7 +401,7 @@ def test_no_gains_beat_the_limit_and_large_ones_come_close(seed: int):
 
 def test_a_direction_that_moves_a_free_agent_or_has_a_negative_entry_shows_nothing():
     mode = jacobians_at_consensus(ring(3)).modes[0]
-    for w, pinned in (((1, 0, 0), (0,)), ((-1, 0, 2), (1,)), ((0, 0, 0), ())):
+    for w, pinned in (((1, 0, 0), (0,)), ((1, 0, 0), (0, 1)), ((-1, 0, 2), (1,)), ((0, 0, 0), ())):
         assert limit_of(mode, 0, w, pinned=pinned, caps={}) is None
     assert limit_of(mode, 0, (0, 0, 1), pinned=(0,), caps={}) == 1
     assert slow_direction(jacobians_at_consensus(ring(3, coupling="-y")), (0,), {}, slow_directions) is None

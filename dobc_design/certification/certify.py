@@ -21,7 +21,7 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import writable
 from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
-from dobc_design.certification.recheck import Recheck, verify_twice
+from dobc_design.certification.recheck import Recheck, agreed, verify_twice
 from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
@@ -97,25 +97,24 @@ def certify(
     overall = decide_overall(problem, checks, W)
     all_option = ["--all"] if everything else []
     settling_option = [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
-    return Certificate(
-        problem=problem,
-        claims=Claims(
-            problem_name=problem.name,
-            problem_sha256=problem_sha256(problem),
-            verdict=overall.verdict,
-            reason=overall.reason,
-            rate=overall.rate,
-            covered_by=overall.covered_by,
-            checks=checks,
-            W=W,
-            gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
-            P=P,
-            Q=None if pair is None else pair.Q,
-            notes=tuple(notes_of(problem, found.designs, found.how)),
-            version=__version__,
-            options=(*all_option, *settling_option),
-        ),
+    claims = Claims(
+        problem_name=problem.name,
+        problem_sha256=problem_sha256(problem),
+        verdict=overall.verdict,
+        reason=overall.reason,
+        rate=overall.rate,
+        covered_by=overall.covered_by,
+        checks=checks,
+        W=W,
+        gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
+        P=P,
+        Q=None if pair is None else pair.Q,
+        notes=tuple(notes_of(problem, found.designs, found.how)),
+        version=__version__,
+        options=(*all_option, *settling_option),
     )
+    report("asking the second program")
+    return Certificate(problem=problem, claims=agreed(claims, problem))
 
 
 def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | PathLike[str]) -> Recheck:

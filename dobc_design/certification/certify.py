@@ -87,9 +87,11 @@ def certify(
     def quietly(cured: Problem) -> tuple[Check, ...]:
         return decide(cured, lambda stage: None).checks
 
-    checks = with_cures(problem, found.checks, findings, progress=report, decide=quietly)
-    W, pair, domain = found.W, found.pair, found.statements.domain
-    checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
+    checks, W, pair, domain = found.checks, found.W, found.pair, found.statements.domain
+    regional = tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
+    if problem.region is not None or not any(covers(problem, check, regional) for check in regional):
+        checks = with_cures(problem, checks, findings, progress=report, decide=quietly)
+    checks += regional
     if tolerance is not None or (everything and problem.region is not None):
         checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
     checks += tuple(other_equilibria(problem, W, checks, report=report))
@@ -163,8 +165,12 @@ def region_checks(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, domain: str, everything: bool, report: Progress
 ) -> list[Check]:
     """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are
-    for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted."""
-    if not everything and (problem.region is None or any(covers(problem, check, checks) for check in checks)):
+    for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.  Of linear
+    couplings the same holds from every start, which may decide a question without a region."""
+    known = any(covers(problem, check, checks) for check in checks)
+    if problem.region is None and not known:
+        known = domain != "global" or decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
+    if known and not everything:
         return []
     asked = read_region(problem, W, domain=domain, everything=everything)
     found: list[Check] = []

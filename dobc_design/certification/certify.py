@@ -185,7 +185,7 @@ def other_equilibria(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, report: Progress
 ) -> Iterator[Check]:
     """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
-    can = problem.region is not None and not problem.is_linear and (W is not None or not problem.groups)
+    can = problem.region is not None and (W is not None or not problem.groups)
     if can and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
         from dobc_design.falsification.search import equilibrium_check
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Collection, Iterable, Iterator
 from fractions import Fraction
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from .expressions import Coupling, read_coupling
@@ -111,10 +112,8 @@ class Problem:
 
         groups = [self.read_group(value) for value in read(exosystem, {"groups": [an_object]}).groups]
         need(len(groups) > 1, "there are fewer than two groups")
-        everybody = sorted(i for group in groups for i in group.agents)
-        need(everybody == list(range(self.n)), "an agent has not one group")
-        firsts = [group.agents[0] for group in groups]
-        need(firsts == sorted(firsts), "the groups are not ordered by their first agents")
+        need(sorted(i for group in groups for i in group.agents) == [*range(self.n)], "an agent has not one group")
+        need(all(a.agents[0] < b.agents[0] for a, b in pairwise(groups)), "the groups are not in the order of agents")
         need(len({group.P is None for group in groups}) == 1, "some groups have a P and some have none")
         return groups
 

@@ -378,7 +378,7 @@ MOST_DAMPING = 1e8
 def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:
     """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
     size = problem.n * problem.m
-    if problem.region is None or problem.is_linear or size > LARGEST:
+    if problem.region is None or size > LARGEST:
         return None
     try:
         with np.errstate(all="ignore"):

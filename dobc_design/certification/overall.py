@@ -130,7 +130,9 @@ def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
     if tried[0].verdict is Verdict.REFUTED and not proved:
         signals = " Consensus may still hold for some signals." if len(problem.network.modes) > 1 else ""
         return f"Undecided: {tried[0].reason}{signals} More pinned agents would help."
-    advice = f"What would help: a smaller [region], larger gains or more pinned agents. {ALONE}"
+    near = proved or any(check.kind.is_consensus and check.verdict is Verdict.PROVED for check in checks)
+    smaller = "a smaller [region], larger gains or more pinned agents" if near else "more pinned agents, larger gains"
+    advice = f"What would help: {smaller}. {ALONE}"
     if not proved:
         return f"Undecided: no proof reaches the region asked for: {tried[0].reason} {advice}"
     reach = ", ".join(_domain_in_words(check) for check in proved)

@@ -24,7 +24,7 @@ from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
-from dobc_design.errors import DobcError
+from dobc_design.errors import CertificateError, DobcError
 from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 from dobc_design.problem.groups import blocks_of
@@ -87,17 +87,30 @@ class Recheck(Shown):
 
 
 def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
-    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.  Raises: CertificateError
-    if the bytes are no certificate."""
-    own = recheck(certificate, problem)
+    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.  Raises: CertificateError if
+    the bytes are no certificate; where only one program can read them the lone checker says so, if it is asked."""
+    unreadable: CertificateError | None = None
+    try:
+        own = recheck(certificate, problem)
+    except CertificateError as error:
+        unreadable, own = error, Recheck(verdict=Verdict.UNDECIDED, confirmed=(), failures=(str(error),))
     arcs = sum(len(mode) for mode in problem.network.modes.values())
-    if arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS:
-        return replace(own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}")
     data = certificate if isinstance(certificate, bytes) else certificate_bytes(certificate)
     document = canonical_bytes(problem)
-    if max(len(data), len(document)) > checker.MAX_BYTES:
-        return replace(own, lone_checker=f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger")
-    refusals = [text for holds, text in _examined(data, document) if not holds]
+    many = arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS
+    if many or max(len(data), len(document)) > checker.MAX_BYTES:
+        if unreadable is not None:
+            raise unreadable
+        large = f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
+        return replace(
+            own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}" if many else large
+        )
+    try:
+        refusals = [text for holds, text in checker.examine(data, document) if not holds]
+    except checker.Refused as error:
+        if not own.holds:
+            raise unreadable or CertificateError(f"the certificate cannot be read: {error}.") from error
+        refusals = [f"it cannot read the files: {error}"]
     said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
@@ -118,7 +131,10 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         data, checks = certificate_bytes(claims), claims.checks
         if max(len(data), len(document)) > checker.MAX_BYTES:
             return claims
-        found = _examined(data, document)
+        try:
+            found = checker.examine(data, document)
+        except checker.Refused as error:
+            found = [(False, f"it cannot read the files: {error}")]
         whole = next((text for holds, text in found[:FIRST] if not holds), None)
         said = [(whole is None, whole or "")] * len(checks) if whole else found[FIRST : FIRST + len(checks)]
         decided = (check.verdict is not Verdict.UNDECIDED for check in checks)
@@ -138,14 +154,6 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         return claims
     reason = "Undecided: " + DISAGREE.format(claims.verdict.value, lacking)
     return replace(claims, verdict=Verdict.UNDECIDED, reason=reason, rate=None, covered_by=None)
-
-
-def _examined(data: bytes, document: bytes) -> list[tuple[bool, str]]:
-    """What the lone checker finds."""
-    try:
-        return checker.examine(data, document)
-    except checker.Refused as error:
-        return [(False, f"it cannot read the files: {error}")]
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:

@@ -200,8 +200,10 @@ def _reason(problem: Problem, claim: Equilibrium) -> str:
         place = problem.network.labels[k // m] + ("" if m == 1 else f".{k % m + 1}")
         named.append(f"{place}: {_float(e + problem.goal_of(k // m)[k % m]):.6g}")
     more = ", ..." if len(claim.middle) > SHOWN else ""
+    advice = "Ask for a smaller region, or raise the gains until it is gone."
+    if claim.is_point:
+        advice = "Others may lie beside it, down to the target: pin more agents."
     return (
         f"Consensus fails: in mode {claim.mode} the agents can rest away from the target, at"
-        f" x = ({', '.join(named)}{more}). This start lies in the region asked for."
-        " Ask for a smaller region, or raise the gains until it is gone."
+        f" x = ({', '.join(named)}{more}). This start lies in the region asked for. {advice}"
     )

@@ -207,7 +207,7 @@ class Expression:
             jets.append(operation(*[jets[k] for k in arguments]) if operation else (value, ()))
         return jets[self.result]
 
-    def at(self, *given: Jet[Real]) -> Jet[Real]:
+    def at(self, *given: Jet[Any]) -> Jet[Any]:
         """Value and slopes, exactly on rationals, with rounded constants on intervals of floating-point numbers."""
         return self.run(self.rounded if isinstance(given[0][0][0], float) else self.steps, given)
 

@@ -209,10 +209,10 @@ class Problem:
         """No gain of the group acts on some shift c other than 0, and the region holds such a shift."""
         rows, pivots = echelon([row for i in group for row in self.gains.get(i, [])])
         if self.region is None or len(pivots) == self.m:
-            return len(pivots) < self.m
+            return bool(len(pivots) < self.m)
 
-        goals = zip(*(self.goals[i] for i in group), strict=True)
-        box = [(lo - min(own), hi - max(own)) for (lo, hi), own in zip(self.region.initial_states, goals, strict=True)]
+        sides = zip(self.region.initial_states, *(self.goals[i] for i in group), strict=True)
+        box: list[Exact] = [(lo - min(goals), hi - max(goals)) for (lo, hi), *goals in sides]
         boxes: list[Any] = [box]
         if all(lo <= 0 <= hi for lo, hi in box):  # then size does not matter: some entry may be 1 or -1
             cone = [(lo and -math.inf, hi and math.inf) for lo, hi in box]

@@ -153,7 +153,7 @@ def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Ve
 
 def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
     """A v in a nonempty box with M v = 0, by the simplex method with Bland's rule, so that it ends."""
-    order, v = list(range(len(box))), [max(lo, min(hi, Fraction(0))) for lo, hi in box]
+    order, v = list(range(len(box))), [Fraction(max(lo, min(hi, 0))) for lo, hi in box]
     while True:
         reduced, pivots = row_echelon(tuple(tuple(row[k] for k in order) for row in M))
         rows = {
@@ -164,8 +164,8 @@ def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
             v[p] = sum((x * v[k] for k, x in row.items()), Fraction(0))
         leaving = min((p for p in rows if not box[p][0] <= v[p] <= box[p][1]), default=None)
         if leaving is None:
-            return tuple(map(Fraction, v))
-        goal = max(box[leaving][0], min(box[leaving][1], v[leaving]))
+            return tuple(v)
+        goal = Fraction(max(box[leaving][0], min(box[leaving][1], v[leaving])))
         up, row = goal > v[leaving], rows.pop(leaving)
         able = [k for k, x in row.items() if (v[k] < box[k][1] if (x > 0) == up else v[k] > box[k][0])]
         if not able:

@@ -6,15 +6,26 @@ from random import Random
 from typing import Any
 
 from evidence.row import Row
+from random_problems import random_problem
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
 SMOOTH = ("y", "2*y", "tanh(y)", "sin(y)", "y + y**3/4", "exp(y) - 1 + y", "atan(2*y)", "y/(1 + y**2)", "sinh(y)/2")
-EDGES = ("sqrt(1 + y) - 1", "log(1 + y)", "y/(2 - y)", "tan(y)", "1 - sqrt(1 - y)", "y + log(2 - y) - log(2)")
-KINKS = ("max(y, 0)", "min(y, 2*y)", "clip(y, -1, 1)", "y + abs(y)/2", "max(y - 1/4, 0) + min(y + 1/4, 0)", "y**2", "0*y")
+EDGES = ("sqrt(1 + y) - 1", "log(1 + y)", "y/(2 - y)", "tan(y)", "1 - sqrt(1 - y)", "y + log(1 - y/2)")
+KINKS = (
+    "max(y, 0)",
+    "min(y, 2*y)",
+    "clip(y, -1, 1)",
+    "y + abs(y)/2",
+    "max(y - 1/4, 0) + min(y + 1/4, 0)",
+    "y**2",
+    "0*y",
+)
 LISTS = (
     ["tanh(y1)", "tanh(y2)"],
     ["y1", "2*y2"],
@@ -22,12 +33,7 @@ LISTS = (
     ["log(1 + y1)", "y2 + y1*y2/4"],
     ["sqrt(1 + y1) - 1", "sqrt(1 + y2) - 1"],
 )
-EXOSYSTEMS: tuple[dict[str, Any], ...] = (
-    {"A": [[0]], "C": [[1]]},
-    {"A": [[0, 1], [0, 0]], "C": [[1, 0]]},
-    {"A": [[0, 2], [-2, 0]], "C": [[1, 0]]},
-    {"A": [[-1]], "C": [[1]]},
-)
+EXOSYSTEMS = ([[0]], [[0, 1], [0, 0]], [[0, 2], [-2, 0]], [[-1]])
 
 
 def run(count: int, seed: int) -> Row:
@@ -45,24 +51,44 @@ def run(count: int, seed: int) -> Row:
 
 
 def any_problem(seed: int) -> Problem:
-    """Up to five agents, two components and two modes; some with exosystems, their own W, matrix gains, a region."""
+    """Up to five agents, two components and two modes, some with an exosystem or several, matrix gains, a region."""
     r = Random(seed)
+    if r.random() < 0.2:
+        return random_problem(seed)
     n, m = r.randint(1, 5), r.choice((1, 1, 2))
+    chain = [(i, r.randint(1, i - 1)) for i in range(2, n + 1) if r.random() < 0.9]
     pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
-    chain = [(i, r.randint(1, i - 1)) for i in range(2, n + 1)] if r.random() < 0.8 else []
     modes = {
-        name: [[*pair, r.choice(("1", "1/2", "5/4"))] for pair in pairs if pair in chain or r.random() < 0.25]
-        for name in ("a", "b")[: r.choice((1, 1, 2))]
+        mode: [[*pair, r.choice(("1", "1/2", "5/4"))] for pair in pairs if pair in chain or r.random() < 0.25]
+        for mode in ("a", "b")[: r.choice((1, 1, 2))]
     }
     given: dict[str, Any] = {"gains": {i: _gain(r, m) for i in range(1, n + 1) if i == 1 or r.random() < 0.3}}
-    h = r.choice(LISTS) if m == 2 and r.random() < 0.5 else r.choice(r.choice((SMOOTH, SMOOTH, EDGES, KINKS)))
-    if r.random() < 0.4:
-        given["exosystem"] = _exosystem(r, n, m)
+    kind = r.random()
+    if kind < 0.2 and n > 1:
+        rest = tuple(str(i) for i in range(2, n + 1))
+        given["groups"] = [Group(agents=each, exosystem=_exosystem(r, m)) for each in (("1",), rest)]
+    elif kind < 0.4:
+        given["exosystem"] = _exosystem(r, m)
     if r.random() < 0.8:
-        sides = [sorted(r.choice((-1, 1)) * r.choice((0, 1, 2, 3, 5, 8)) for _ in "ab") for _ in range(m)]
-        given["region"] = {"initial_states": [[f"{lo}/5", f"{hi}/5"] for lo, hi in sides]}
-        if "exosystem" in given:
+        ends = [sorted(r.choice((-1, 1)) * r.choice((0, 1, 2, 3, 5, 8)) for _ in "ab") for _ in range(m)]
+        given["region"] = {"initial_states": [[f"{lo}/5", f"{hi}/5"] for lo, hi in ends]}
+        if kind < 0.4 and len(given) > 2:
             given["region"]["initial_disturbance"] = r.choice(("0", "1/10", "1/2"))
-    target = [r.choice(("0", "0", "0", "1/5")) for _ in range(m)]
-    network = Network(labels=tuple(str(i) for i in range(1, n + 1)), modes=modes, arrow="listens_to")
-    return Problem(network=network, coupling=h, target=target, **given)
+    listed = m == 2 and r.random() < 0.5
+    return Problem(
+        network=Network.from_arcs(modes, arrow="listens_to", agents=n),
+        coupling=r.choice(LISTS if listed else r.choice((SMOOTH, SMOOTH, EDGES, KINKS))),
+        target=[r.choice(("0", "0", "0", "1/5")) for _ in range(m)],
+        **given,
+    )
+
+
+def _gain(r: Random, m: int) -> Any:
+    if m == 1 or r.random() < 0.4:
+        return r.choice(("1/10", "1", "2", "5"))
+    return r.choice(([[1, 0], [0, 0]], [[1, -1], [-1, 1]], [[2, 1], [-1, 2]], [[0, 0], [0, 3]], [[1, 1], [1, 1]]))
+
+
+def _exosystem(r: Random, m: int) -> Exosystem:
+    A = r.choice(EXOSYSTEMS)
+    return Exosystem(A=A, C=[[r.choice((1, 1, 0, -1)) for _ in A] for _ in range(m)])

@@ -175,10 +175,7 @@ def stuck(p: Problem, check: Any) -> None:
     witness = read(check.witness, {"kind": text, "labels": [text]})
     need(check.exact is None and witness.kind == "agents", "it claims a value, or its witness is no set of agents")
     group = set(witness.labels)
-    need(
-        group <= set(p.labels) and 0 < len(group) == len(witness.labels),
-        "the witness does not name different agents of the problem",
-    )
+    need(group <= set(p.labels) and 0 < len(group) == len(witness.labels), "the witness names no different agents")
     for i in (i for i, label in enumerate(p.labels) if label in group):
         inside = any(all(p.labels[arc.j] in group for arc in heard[i]) for heard in p.heard.values())
         need(p.least_gain(i) <= 0 and inside, "an agent of the witness is held, or hears somebody outside")
@@ -349,10 +346,7 @@ def sampling(case: Certificate, check: Any) -> None:
         return bool(exact.period * sum(slopes, p.largest_gain(i)) <= 1)  # exact: a period of 1 is often the largest
 
     for i, heard, mirrored in ((*agent, mirrored) for agent in agents for mirrored in (False, True)):
-        need(
-            short(i, heard, mirrored, False) or short(i, heard, mirrored, True),
-            f"it is too long for agent {p.labels[i]}",
-        )
+        need(any(short(i, heard, mirrored, closely) for closely in (False, True)), f"too long for agent {p.labels[i]}")
 
 
 def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool) -> Fraction:
@@ -399,15 +393,10 @@ def equilibrium(case: Certificate, check: Any) -> None:
         halves = [enclosed((hi - lo) / 2)[1] for lo, hi in box]
         spread = dot(map(total, rest.values()), ((-half, half) for half in halves))
         image = total([enclosed(middle[a]), dot(factors, values), spread])
-        need(
-            still or (lo < Fraction(image[0]) and Fraction(image[1]) < hi),
-            "the box is not shown to hold an equilibrium",
-        )
+        need(still or (lo < Fraction(image[0]) and Fraction(image[1]) < hi), "no equilibrium is shown in the box")
 
 
-def forces(
-    p: Problem, mode: str, e: Matrix, kind: Callable[[Fraction], Any] = enclosed
-) -> tuple[list[Floats], list[dict[int, Floats]]]:
+def forces(p: Problem, mode: str, e: Matrix, kind: Any = enclosed) -> tuple[list[Floats], list[dict[int, Floats]]]:
     """h(e) - K e and its slopes for all e in a box, in the numbers of this kind."""
     m, zero = p.m, kind(ZERO)
     values = [zero] * len(e)

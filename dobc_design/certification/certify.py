@@ -87,11 +87,9 @@ def certify(
     def quietly(cured: Problem) -> tuple[Check, ...]:
         return decide(cured, lambda stage: None).checks
 
-    checks, W, pair, domain = found.checks, found.W, found.pair, found.statements.domain
-    regional = tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
-    if problem.region is not None or not any(covers(problem, check, regional) for check in regional):
-        checks = with_cures(problem, checks, findings, progress=report, decide=quietly)
-    checks += regional
+    checks = with_cures(problem, found.checks, findings, progress=report, decide=quietly)
+    W, pair, domain = found.W, found.pair, found.statements.domain
+    checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
     if tolerance is not None or (everything and problem.region is not None):
         checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
     checks += tuple(other_equilibria(problem, W, checks, report=report))

@@ -85,9 +85,9 @@ def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
     box = Interval(-radius, radius)
     if coupling.by_component:
         curve = Curve(coupling.components[0])
+        gain = secant_range(curve, box)
         for end in (-radius, radius):  # sqrt has a secant gain as far as it is defined, but others may need its slope
             jet(curve, Interval.point(end))
-        gain = secant_range(curve, box)
         m = range(coupling.dimension)
         return tuple(tuple(gain if i == j else _ZERO for j in m) for i in m)
     return _jacobian_hull(coupling, (box,) * coupling.dimension)

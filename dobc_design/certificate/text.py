@@ -85,6 +85,7 @@ def _claims(document: dict[str, Any]) -> Claims:
     if not isinstance(checks, list):
         raise TypeError("checks must be a list")
     notes, options = document["notes"], program.get("options", [])
+    _text(program["name"], "program.name")
     if not isinstance(notes, list) or not isinstance(options, list):
         raise TypeError("notes and program.options must be lists of texts")
     return Claims(

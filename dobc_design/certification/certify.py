@@ -21,7 +21,7 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import writable
 from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
-from dobc_design.certification.recheck import Recheck, verify_twice
+from dobc_design.certification.recheck import Recheck, agreed, verify_twice
 from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
@@ -97,25 +97,24 @@ def certify(
     overall = decide_overall(problem, checks, W)
     all_option = ["--all"] if everything else []
     settling_option = [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
-    return Certificate(
-        problem=problem,
-        claims=Claims(
-            problem_name=problem.name,
-            problem_sha256=problem_sha256(problem),
-            verdict=overall.verdict,
-            reason=overall.reason,
-            rate=overall.rate,
-            covered_by=overall.covered_by,
-            checks=checks,
-            W=W,
-            gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
-            P=P,
-            Q=None if pair is None else pair.Q,
-            notes=tuple(notes_of(problem, found.designs, found.how)),
-            version=__version__,
-            options=(*all_option, *settling_option),
-        ),
+    claims = Claims(
+        problem_name=problem.name,
+        problem_sha256=problem_sha256(problem),
+        verdict=overall.verdict,
+        reason=overall.reason,
+        rate=overall.rate,
+        covered_by=overall.covered_by,
+        checks=checks,
+        W=W,
+        gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
+        P=P,
+        Q=None if pair is None else pair.Q,
+        notes=tuple(notes_of(problem, found.designs, found.how)),
+        version=__version__,
+        options=(*all_option, *settling_option),
     )
+    report("asking the second program")
+    return Certificate(problem=problem, claims=agreed(claims, problem))
 
 
 def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | PathLike[str]) -> Recheck:
@@ -164,8 +163,12 @@ def region_checks(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, domain: str, everything: bool, report: Progress
 ) -> list[Check]:
     """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are
-    for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted."""
-    if not everything and (problem.region is None or any(covers(problem, check, checks) for check in checks)):
+    for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.  Of linear
+    couplings the same holds from every start, which may decide a question without a region."""
+    known = any(covers(problem, check, checks) for check in checks)
+    if problem.region is None and not known:
+        known = domain != "global" or decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
+    if known and not everything:
         return []
     asked = read_region(problem, W, domain=domain, everything=everything)
     found: list[Check] = []
@@ -180,7 +183,7 @@ def other_equilibria(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], *, report: Progress
 ) -> Iterator[Check]:
     """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
-    can = problem.region is not None and not problem.is_linear and (W is not None or not problem.groups)
+    can = problem.region is not None and (W is not None or not problem.groups)
     if can and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
         from dobc_design.falsification.search import equilibrium_check
 

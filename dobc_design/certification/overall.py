@@ -14,7 +14,7 @@ from dobc_design.conditions.consensus.network import cure_in_words, name_agents,
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.problem.arrays import unreached_in_union
 from dobc_design.problem.problem import Problem
@@ -74,7 +74,8 @@ def _apart_reason(problem: Problem) -> str | None:
     labels = problem.network.labels
     apart = unreached_in_union(problem)
     for group, free in unheld_groups(problem):
-        if not _start_apart_exists(problem, group, free):
+        c = _start_apart(problem, group, free)
+        if c is None:
             continue
         if set(group) <= set(apart):
             who = name_agents(tuple(labels[i] for i in apart))
@@ -85,7 +86,7 @@ def _apart_reason(problem: Problem) -> str | None:
                 f"Consensus fails: {pins}, in any mode. Moved away from the target together, they stay there."
                 f" {cure_in_words(problem, list(problem.network.modes.values()))}"
             )
-        direction = ", ".join(number_text(x) for x in free[0])
+        direction = ", ".join(number_text(x) for x in c)
         return (
             f"Consensus fails: the gains of {name_agents(tuple(labels[i] for i in group))} leave the direction"
             f" ({direction}) free, and they listen to nobody else. Moved along it together, they stay there."
@@ -94,28 +95,16 @@ def _apart_reason(problem: Problem) -> str | None:
     return None
 
 
-def _start_apart_exists(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> bool:
-    """Whether the region allows e_S = t c with one t != 0 and one c of ``free`` (it always does without a region)."""
+def _start_apart(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> Vector | None:
+    """A c != 0 for which the region allows e_S = c and no gain of the group acts on c; None if there is none."""
     if problem.region is None:
-        return True
+        return free[0]
     goals = {problem.goal_of(agent) for agent in group}
-    ranges = [
+    box = [
         (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals))
         for c, (lo, hi) in enumerate(problem.region.initial_states)
     ]
-    if len(free) == problem.m:  # every direction: any point of the box but 0
-        return all(lo <= hi for lo, hi in ranges) and any(lo or hi for lo, hi in ranges)
-    return any(_line_meets(c, ranges) for c in free)
-
-
-def _line_meets(c: Vector, ranges: Sequence[tuple[Fraction, Fraction]]) -> bool:
-    """Whether t c lies in the box for some t != 0."""
-    pairs = list(zip(c, ranges, strict=True))
-    if any(lo > hi if x else not lo <= 0 <= hi for x, (lo, hi) in pairs):
-        return False
-    ends = [sorted((lo / x, hi / x)) for x, (lo, hi) in pairs if x]
-    low, high = max(end[0] for end in ends), min(end[1] for end in ends)
-    return low <= high and bool(low or high)
+    return find_in_nullspace(tuple(row for i in group for row in problem.pinning.gains.get(i, ())), box)
 
 
 def _target_is_interior(problem: Problem) -> bool:
@@ -141,7 +130,9 @@ def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
     if tried[0].verdict is Verdict.REFUTED and not proved:
         signals = " Consensus may still hold for some signals." if len(problem.network.modes) > 1 else ""
         return f"Undecided: {tried[0].reason}{signals} More pinned agents would help."
-    advice = f"What would help: a smaller [region], larger gains or more pinned agents. {ALONE}"
+    near = proved or any(check.kind.is_consensus and check.verdict is Verdict.PROVED for check in checks)
+    smaller = "a smaller [region], larger gains or more pinned agents" if near else "more pinned agents, larger gains"
+    advice = f"What would help: {smaller}. {ALONE}"
     if not proved:
         return f"Undecided: no proof reaches the region asked for: {tried[0].reason} {advice}"
     reach = ", ".join(_domain_in_words(check) for check in proved)

@@ -6,7 +6,7 @@ advice."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 from dobc_design._show.cards import Card, Shown
@@ -15,7 +15,7 @@ from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.overall import decide_overall
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.boxes import decide as boxes
-from dobc_design.conditions.check import Check, same_witness
+from dobc_design.conditions.check import Check, same_witness, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
 from dobc_design.conditions.equilibrium import decide as equilibrium
@@ -24,7 +24,7 @@ from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
-from dobc_design.errors import DobcError
+from dobc_design.errors import CertificateError, DobcError
 from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 from dobc_design.problem.groups import blocks_of
@@ -40,6 +40,12 @@ REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
     "schedule": schedule.confirm,
     "equilibrium": equilibrium.confirm,
 }
+#: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in its findings.
+PROMPT_ARCS: Final = 2000
+FIRST: Final = 3
+DISAGREE: Final = (
+    "it is {} here, but the second program does not confirm it ({}). One of them is wrong; please report it."
+)
 HOW = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
@@ -81,19 +87,30 @@ class Recheck(Shown):
 
 
 def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
-    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.  Raises: CertificateError
-    if the bytes are no certificate."""
-    own = recheck(certificate, problem)
+    """Confirm the claims with ``recheck`` and with the lone checker; both have to accept.  Raises: CertificateError if
+    the bytes are no certificate; where only one program can read them the lone checker says so, if it is asked."""
+    unreadable: CertificateError | None = None
+    try:
+        own = recheck(certificate, problem)
+    except CertificateError as error:
+        unreadable, own = error, Recheck(verdict=Verdict.UNDECIDED, confirmed=(), failures=(str(error),))
     arcs = sum(len(mode) for mode in problem.network.modes.values())
-    if arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS:
-        return replace(own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}")
     data = certificate if isinstance(certificate, bytes) else certificate_bytes(certificate)
     document = canonical_bytes(problem)
-    if max(len(data), len(document)) > checker.MAX_BYTES:
-        return replace(own, lone_checker=f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger")
+    many = arcs > LONE_ARCS or problem.n * problem.m > LONE_ROWS
+    if many or max(len(data), len(document)) > checker.MAX_BYTES:
+        if unreadable is not None:
+            raise unreadable
+        large = f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
+        return replace(
+            own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}" if many else large
+        )
     try:
         refusals = [text for holds, text in checker.examine(data, document) if not holds]
     except checker.Refused as error:
+        foreign = unreadable is None and read_claims(data).problem_sha256 != problem_sha256(problem)
+        if not own.holds and not foreign:
+            raise unreadable or CertificateError(f"the certificate cannot be read: {error}.") from error
         refusals = [f"it cannot read the files: {error}"]
     said = f"it refuses: {refusals[0]}" if refusals else "it accepts every claim"
     if own.holds is not bool(refusals):
@@ -102,6 +119,42 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
     view = f"the package {own_view}, the lone checker {lone_view}"
     disagreement = f"two programs that decide the same claims disagree: {view}. One of them is wrong; please report it."
     return replace(own, failures=(*own.failures, disagreement), lone_checker=said)
+
+
+def agreed(claims: Claims, problem: Problem) -> Claims:
+    """What both programs confirm of claims that this one has made: checks that the lone checker refuses become
+    undecided, and the verdict follows.  Larger problems are left to ``verify``."""
+    arcs = sum(len(mode) for mode in problem.network.modes.values())
+    if arcs > PROMPT_ARCS or problem.n * problem.m > PROMPT_ARCS:
+        return claims
+    document, domain = canonical_bytes(problem), state_theorems(problem).domain
+    while True:  # what rests on a check that is withdrawn falls in the next round
+        data, checks = certificate_bytes(claims), claims.checks
+        if max(len(data), len(document)) > checker.MAX_BYTES:
+            return claims
+        try:
+            found = checker.examine(data, document)
+        except checker.Refused as error:
+            found = [(False, f"it cannot read the files: {error}")]
+        whole = next((text for holds, text in found[:FIRST] if not holds), None)
+        said = [(whole is None, whole or "")] * len(checks) if whole else found[FIRST : FIRST + len(checks)]
+        decided = (check.verdict is not Verdict.UNDECIDED for check in checks)
+        refused = [known and not holds for known, (holds, _) in zip(decided, said, strict=True)]
+        if not any(refused):
+            break
+        checks = tuple(
+            withdrawn(check, domain, DISAGREE.format(check.verdict.value, text)) if bad else check
+            for check, bad, (_, text) in zip(checks, refused, said, strict=True)
+        )
+        overall, proofs = decide_overall(problem, checks, claims.W), ("theorem1", "theorem2")
+        pair = any(check.id in proofs and check.verdict is Verdict.PROVED for check in checks)
+        claims = replace(claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None)
+        claims = replace(claims, **{field.name: getattr(overall, field.name) for field in fields(overall)})
+    lacking = next((text for holds, text in found[FIRST + len(checks) :] if not holds), None)
+    if lacking is None or claims.verdict is Verdict.UNDECIDED:
+        return claims
+    reason = "Undecided: " + DISAGREE.format(claims.verdict.value, lacking)
+    return replace(claims, verdict=Verdict.UNDECIDED, reason=reason, rate=None, covered_by=None)
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:

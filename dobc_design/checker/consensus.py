@@ -238,8 +238,7 @@ def theorem_refuted(case: Certificate, check: Any) -> None:
         by_vector(case, check, exact.mode)
         return
     need(exact.mode is None and check.margin is None, "a cause in the exosystem has no mode and no margin")
-    need(exact.block in ("detectability", "hurwitz"), "the cause is none of Lambda, detectability and hurwitz")
-    need(exact.group in p.names, "it does not say which group is the cause")
+    need(exact.block in ("detectability", "hurwitz") and exact.group in p.names, "the cause is none that is known")
     group, W = own(case, exact.group)
     need(exact.block == "detectability" or group.W is not None, "a designed W refutes nothing")
     found, _, witness = OF_GROUPS[exact.block](group, W)
@@ -252,8 +251,7 @@ def pair_refuted(case: Certificate, check: Any) -> None:
     if exact in ({"block": "P"}, {"block": "Omega0"}):
         witness = read(check.witness, {"kind": text, "values": partial(direction, p.q)})
         v, X = witness.values, P if exact["block"] == "P" else [[-x for x in row] for row in omega(case, P, ZERO)]
-        need(witness.kind == "vector", "the witness is no vector")
-        need(check.margin is None, "it has no margin to claim")
+        need(witness.kind == "vector" and check.margin is None, "the witness is no vector, or it claims a margin")
         need(form(v, X, v) <= 0, "the vector does not show it")
     else:
         listed, mode = values(case, P), exact.get("mode")

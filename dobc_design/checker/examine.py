@@ -119,7 +119,7 @@ def covers(case: Certificate, check: Any) -> bool:
     p, domain = case.problem, check.domain
     if check.id in ((case.theorem, case.theorem + "-printed") if p.q else ("lemma1",)):
         return p.region is None or p.domain == "global"
-    if p.region is None or check.id not in ("max-separable", "lure", "exhaustive"):
+    if check.id not in ("max-separable", "lure", "exhaustive") or (p.region is None and domain != "global"):
         return False
     if type(domain) is str:
         return bool(domain == "global")

@@ -154,8 +154,10 @@ class Expression:
 
     def read_power(self, base: ast.expr, exponent: str) -> int:
         """An expression to an integer power."""
-        short = re.fullmatch(r"-?[0-9]{1,2}", exponent) is not None
-        need(short and abs(int(exponent)) <= 64, "an exponent is no integer up to 64")
+        need(
+            bool(re.fullmatch(r"-?[0-9]{1,2}", exponent)) and abs(int(exponent)) <= 64,
+            "an exponent is no integer up to 64",
+        )
         n, place = int(exponent), self.read(base)
         degree = self.steps[place].degree
         polynomial = degree < math.inf and (n >= 0 or degree == 0)
@@ -205,9 +207,9 @@ class Expression:
             jets.append(operation(*[jets[k] for k in arguments]) if operation else (value, ()))
         return jets[self.result]
 
-    def at(self, *given: Jet[float]) -> Jet[float]:
-        """Value and slopes on intervals of floating-point numbers."""
-        return self.run(self.rounded, given)
+    def at(self, *given: Jet[Any]) -> Jet[Any]:
+        """Value and slopes, exactly on rationals, with rounded constants on intervals of floating-point numbers."""
+        return self.run(self.rounded if isinstance(given[0][0][0], float) else self.steps, given)
 
 
 # --- Couplings --------------------------------------------------------------------------------------------------------

@@ -5,14 +5,16 @@ the problem are those of the joint exosystem: block diagonal, with the blocks of
 """
 
 import hashlib
+import math
 from collections.abc import Collection, Iterable, Iterator
 from fractions import Fraction
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from .expressions import Coupling, read_coupling
 from .intervals import Exact, times
-from .matrices import ZERO, Matrix, Rows, diagonal, echelon, nullspace, plus
+from .matrices import ZERO, Matrix, Rows, diagonal, echelon, meets, plus
 from .reading import (
     MATRIX_BITS,
     an_object,
@@ -110,10 +112,8 @@ class Problem:
 
         groups = [self.read_group(value) for value in read(exosystem, {"groups": [an_object]}).groups]
         need(len(groups) > 1, "there are fewer than two groups")
-        everybody = sorted(i for group in groups for i in group.agents)
-        need(everybody == list(range(self.n)), "an agent has not one group")
-        firsts = [group.agents[0] for group in groups]
-        need(firsts == sorted(firsts), "the groups are not ordered by their first agents")
+        need(sorted(i for group in groups for i in group.agents) == [*range(self.n)], "an agent has not one group")
+        need(all(a.agents[0] < b.agents[0] for a, b in pairwise(groups)), "the groups are not in the order of agents")
         need(len({group.P is None for group in groups}) == 1, "some groups have a P and some have none")
         return groups
 
@@ -207,22 +207,18 @@ class Problem:
 
     def leaves_free(self, group: set[int]) -> bool:
         """No gain of the group acts on some shift c other than 0, and the region holds such a shift."""
-        free, _ = nullspace([row for i in group for row in self.gains.get(i, [])], self.m)
-        if self.region is None or not free:
-            return bool(free)
+        rows, pivots = echelon([row for i in group for row in self.gains.get(i, [])])
+        if self.region is None or len(pivots) == self.m:
+            return bool(len(pivots) < self.m)
 
-        box = []
-        for c, (lo, hi) in enumerate(self.region.initial_states):
-            box.append((lo - min(self.goals[i][c] for i in group), hi - max(self.goals[i][c] for i in group)))
-        if len(free) == self.m or any(lo > hi for lo, hi in box):
-            return all(lo <= hi for lo, hi in box) and any(lo or hi for lo, hi in box)
-        for shift in free:  # is t shift in the box for some t other than 0?
-            ends = [sorted((lo / x, hi / x)) for x, (lo, hi) in zip(shift, box, strict=True) if x]
-            low, high = max(end[0] for end in ends), min(end[1] for end in ends)
-            across = all(x or lo <= 0 <= hi for x, (lo, hi) in zip(shift, box, strict=True))
-            if across and (low < high or low == high != 0):
-                return True
-        return False
+        sides = zip(self.region.initial_states, *(self.goals[i] for i in group), strict=True)
+        box: list[Exact] = [(lo - min(goals), hi - max(goals)) for (lo, hi), *goals in sides]
+        boxes: list[Any] = [box]
+        if all(lo <= 0 <= hi for lo, hi in box):  # then size does not matter: some entry may be 1 or -1
+            cone = [(lo and -math.inf, hi and math.inf) for lo, hi in box]
+            ones = ((k, Fraction(x)) for k, (lo, hi) in enumerate(cone) for x in (-1, 1) if lo <= x <= hi)
+            boxes = [[*cone[:k], (x, x), *cone[k + 1 :]] for k, x in ones]
+        return all(lo <= hi for lo, hi in box) and any(meets(rows, pivots, each) for each in boxes)
 
 
 def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:

@@ -79,6 +79,29 @@ def nullspace(X: Matrix, size: int) -> tuple[Matrix, list[int]]:
     return [[-row[k][column] if k in row else Fraction(k == column) for k in range(size)] for column in free], free
 
 
+def meets(rows: Matrix, basis: list[int], box: list[Any]) -> bool:
+    """True iff some v with rows v = 0 lies in a box; rows in echelon form, basis: the columns of their leading ones.
+
+    The simplex method without an objective, with the rule of Bland, which ends: x has the other entries of v.
+    """
+    x = [ZERO if k in basis else max(lo, min(hi, ZERO)) for k, (lo, hi) in enumerate(box)]
+    while wrong := [
+        (k, value, row)
+        for k, value, row in zip(basis, (-sum(map(mul, row, x)) for row in rows), rows, strict=True)
+        if not box[k][0] <= value <= box[k][1]
+    ]:
+        k, value, lead = min(wrong)
+        x[k] = max(box[k][0], min(box[k][1], value))
+        helps = ((x[j] < hi) if (lead[j] < 0) == (value < x[k]) else (x[j] > lo) for j, (lo, hi) in enumerate(box))
+        able = [j for j, each in enumerate(helps) if each and lead[j] and j != k]
+        if not able:
+            return False
+        x[able[0]], scaled = ZERO, [entry / lead[able[0]] for entry in lead]
+        rows = [scaled if row is lead else plus([row], -row[able[0]], [scaled])[0] for row in rows]
+        basis = [able[0] if each == k else each for each in basis]
+    return True
+
+
 # --- Polynomials ------------------------------------------------------------------------------------------------------
 def characteristic(X: Matrix) -> list[Fraction]:
     """Coefficients of det(s I - X), highest power first (Faddeev and LeVerrier, in integers)."""

@@ -222,13 +222,11 @@ def exhaustive(case: Certificate, check: Any) -> None:
     need(size <= COMPONENTS, f"boxes are followed for up to {COMPONENTS} components")
     claim = read_quadratic(case, check.exact, check.rate, {"outer": rational, "half": rational, "tree": text})
     half, costs = claim.half, noise(case, claim)
-    need(claim.level is not None, "there is no level")
-    need(claim.outer >= claim.level, "the outer level is below the level")
+    need(claim.level is not None and claim.outer >= claim.level, "there is no level, or the outer one is below it")
     holds_ball(case, check.domain, claim, claim.outer)
-    need(half > 0, "half is not positive")
+    need(0 < half < 2**200, "half is not positive, or leaves the range of numbers followed here")
     odd, binary = half.numerator // (half.numerator & -half.numerator), half.denominator & (half.denominator - 1) == 0
     need(odd.bit_length() <= 20 and binary, "half is no integer of 20 bits times a power of 2")
-    need(half < 2**200, "half leaves the range of numbers followed here")
     need(all(inside(claim.P_e, z, claim.outer, half) for z in identity(size)), "the outer level set leaves the box")
 
     fields, left = [field(p, mode, claim, costs) for mode in p.modes], PIECES

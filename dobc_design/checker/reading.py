@@ -22,6 +22,8 @@ MAX_BYTES, MAX_DIGITS = 16 * 2**20, 10_000  # of a file; characters of one numbe
 VECTOR_BITS, MATRIX_BITS = 2**16, 2**14  # of the common denominator of a vector; of P, and of a designed W
 UNSIGNED = r"[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?0*(?:[0-3]?[0-9]{1,2}|400))?"  # exponents up to 400
 
+RATIONAL = rf"([+-]?{UNSIGNED})|([+-]?[0-9]+)/([+-]?0*[1-9][0-9]*)"
+
 
 class Refused(Exception):
     """A file that is not what the format page describes, or a claim that is not shown."""
@@ -89,8 +91,7 @@ def index(count: int, value: Any) -> int:
 def rational(text: Any) -> Fraction:
     """A rational as the files write it: a quotient of integers or a decimal."""
     need(type(text) is str and len(text) <= MAX_DIGITS, f"a number is no text of at most {MAX_DIGITS} characters")
-    good = re.fullmatch(rf"([+-]?{UNSIGNED})|([+-]?[0-9]+)/([+-]?0*[1-9][0-9]*)", text)
-    need(good is not None, "a number is not written as it should")
+    need(re.fullmatch(RATIONAL, text) is not None, "a number is not written as it should")
     top, _, bottom = text.partition("/")
     return Fraction(decimal.Decimal(top)) / Fraction(decimal.Decimal(bottom or "1"))
 

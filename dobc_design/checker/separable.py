@@ -173,11 +173,9 @@ def max_separable(case: Certificate, check: Any) -> None:
 def stuck(p: Problem, check: Any) -> None:
     """Agents each of which has, in some mode, no gain that holds it and hears nobody outside the set."""
     witness = read(check.witness, {"kind": text, "labels": [text]})
-    need(check.exact is None, "it is refuted and claims a value")
-    need(witness.kind == "agents", "the witness is no set of agents")
+    need(check.exact is None and witness.kind == "agents", "it claims a value, or its witness is no set of agents")
     group = set(witness.labels)
-    known = group <= set(p.labels) and len(group) == len(witness.labels)
-    need(bool(group) and known, "the witness does not name different agents of the problem")
+    need(group <= set(p.labels) and 0 < len(group) == len(witness.labels), "the witness names no different agents")
     for i in (i for i, label in enumerate(p.labels) if label in group):
         inside = any(all(p.labels[arc.j] in group for arc in heard[i]) for heard in p.heard.values())
         need(p.least_gain(i) <= 0 and inside, "an agent of the witness is held, or hears somebody outside")
@@ -226,9 +224,8 @@ def composite(case: Certificate, claim: Any) -> None:
 
 def starts(case: Certificate, domain: Any, kind: str) -> None:
     """The domain is a box or ball of starts."""
-    whole = type(domain) is not str and None not in (domain.radius, domain.disturbance)
-    need(whole and domain.kind == kind, f"the domain is no {kind}")
-    need(domain.radius > 0 and domain.disturbance >= 0, f"the {kind} is empty")
+    need(type(domain) is not str and domain.kind == kind, f"the domain is no {kind}")
+    need(None not in (domain.radius, domain.disturbance) and domain.radius > 0 <= domain.disturbance, "it is empty")
     need(case.problem.q > 0 or domain.disturbance == 0, "there is a disturbance, but no exosystem")
 
 
@@ -349,8 +346,7 @@ def sampling(case: Certificate, check: Any) -> None:
         return bool(exact.period * sum(slopes, p.largest_gain(i)) <= 1)  # exact: a period of 1 is often the largest
 
     for i, heard, mirrored in ((*agent, mirrored) for agent in agents for mirrored in (False, True)):
-        shown = any(short(i, heard, mirrored, closely) for closely in (False, True))
-        need(shown, f"the period is too long for agent {p.labels[i]}")
+        need(any(short(i, heard, mirrored, closely) for closely in (False, True)), f"too long for agent {p.labels[i]}")
 
 
 def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool) -> Fraction:
@@ -370,7 +366,7 @@ def mean_slope(curve: Curve, rho: float, v: tuple[int, int, int], closely: bool)
 
 # --- equilibrium: a box that holds one of h(e) - K e other than 0, by the test of Krawczyk ----------------------------
 def equilibrium(case: Certificate, check: Any) -> None:
-    """c - Y f(c) + (I - Y F'(X)) (X - c) lies inside X, so that f vanishes somewhere in X."""
+    """c - Y f(c) + (I - Y F'(X)) (X - c) lies inside X, so that f = 0 somewhere in X; or X is a point with f = 0."""
     p, size = case.problem, case.problem.n * case.problem.m
     need(size <= EQUATIONS, f"an equilibrium is looked at up to {EQUATIONS} equations")
     exact = read(check.exact, {"mode": text, "box": ((rational, rational),) * size})
@@ -385,6 +381,7 @@ def equilibrium(case: Certificate, check: Any) -> None:
             need(low <= lo + goal and hi + goal <= high, "the box leaves the region")
 
     (_, slopes), (values, _) = forces(p, mode, box), forces(p, mode, [[x, x] for x in middle])
+    still = all(lo == hi for lo, hi in box) and not any(map(any, forces(p, mode, box, lambda x: (x, x))[0]))
     rough = [[Fraction(round(sum(row.get(k, NOTHING)) * 2**30), 2**31) for k in range(size)] for row in slopes]
     rows, _ = echelon([x + unit for x, unit in zip(rough, identity(size), strict=True)])
     for a, (lo, hi) in enumerate(box):
@@ -396,27 +393,28 @@ def equilibrium(case: Certificate, check: Any) -> None:
         halves = [enclosed((hi - lo) / 2)[1] for lo, hi in box]
         spread = dot(map(total, rest.values()), ((-half, half) for half in halves))
         image = total([enclosed(middle[a]), dot(factors, values), spread])
-        need(lo < Fraction(image[0]) and Fraction(image[1]) < hi, "the box is not shown to hold an equilibrium")
+        need(still or (lo < Fraction(image[0]) and Fraction(image[1]) < hi), "no equilibrium is shown in the box")
 
 
-def forces(p: Problem, mode: str, e: Matrix) -> tuple[list[Floats], list[dict[int, Floats]]]:
-    """h(e) - K e and its slopes for all e in a box."""
-    m, values = p.m, [NOTHING] * len(e)
+def forces(p: Problem, mode: str, e: Matrix, kind: Any = enclosed) -> tuple[list[Floats], list[dict[int, Floats]]]:
+    """h(e) - K e and its slopes for all e in a box, in the numbers of this kind."""
+    m, zero = p.m, kind(ZERO)
+    values = [zero] * len(e)
     slopes: list[dict[int, Floats]] = [{} for _ in e]
 
     def act(row: int, w: Floats, value: Floats, parts: list[tuple[int, Floats]]) -> None:
         values[row] = added(values[row], times(w, value))
         for column, slope in parts:
-            slopes[row][column] = added(slopes[row].get(column, NOTHING), times(w, slope))
+            slopes[row][column] = added(slopes[row].get(column, zero), times(w, slope))
 
     for arc, c in ((arc, c) for arc in p.modes[mode] for c in range(m)):
         own, other = ([i * m + d for d in ([c] if arc.coupling.single else range(m))] for i in (arc.i, arc.j))
-        y = [(enclosed(e[b][0] - e[a][1])[0], enclosed(e[b][1] - e[a][0])[1]) for a, b in zip(own, other, strict=True)]
+        y = [(kind(e[b][0] - e[a][1])[0], kind(e[b][1] - e[a][0])[1]) for a, b in zip(own, other, strict=True)]
         value, found = arc.coupling.parts[c % len(arc.coupling.parts)].at(*variables(y))
-        parts = found or (NOTHING,) * len(y)
-        act(arc.i * m + c, enclosed(arc.w), value, list(zip(other, parts, strict=True)))
-        act(arc.i * m + c, enclosed(arc.w), NOTHING, list(zip(own, map(negative, parts), strict=True)))
+        parts = found or (zero,) * len(y)
+        act(arc.i * m + c, kind(arc.w), value, list(zip(other, parts, strict=True)))
+        act(arc.i * m + c, kind(arc.w), zero, list(zip(own, map(negative, parts), strict=True)))
     for i, c, d in ((i, c, d) for i in p.gains for c in range(m) for d in range(m)):
         a = i * m + d
-        act(i * m + c, enclosed(-p.gains[i][c][d]), hull(*map(enclosed, e[a])), [(a, ONE)])
+        act(i * m + c, kind(-p.gains[i][c][d]), hull(*map(kind, e[a])), [(a, ONE)])
     return values, slopes

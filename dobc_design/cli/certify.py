@@ -231,7 +231,9 @@ def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check
         lines = textwrap.wrap(each.reason, width, initial_indent="  ", subsequent_indent="  ")
         parts += [Text.assemble("\n", (each.title, "bold")), Text("\n".join(lines))]
     output.show(parts, wrapped=True)
-    output.show(_cures(checks, width=width, file=file, name=certificate.problem.name))
+    regional = any(check.id == certificate.covered_by and check.kind.role == "region" for check in checks)
+    if not regional or certificate.problem.region is not None:  # else nothing is to be cured
+        output.show(_cures(checks, width=width, file=file, name=certificate.problem.name))
     notes = certificate.claims.notes
     output.show(Text(f"{'' if place else chr(10)}Note: {note}") for place, note in enumerate(notes))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Protocol
 
@@ -162,6 +162,13 @@ class Check(Shown):
 def undecided_check(id: str, domain: str, reason: str, *, applies: bool = True) -> Check:
     """A check of all modes that claims nothing."""
     return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, applies=applies)
+
+
+def withdrawn(check: Check, domain: str, reason: str) -> Check:
+    """The same check undecided: it claims nothing any more.  ``domain``: that of Lemma 1."""
+    domain = "global" if check.kind.role == "part" else domain
+    nothing: dict[str, Any] = dict.fromkeys(("margin", "rate", "claim", "witness"))
+    return replace(check, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, **nothing)
 
 
 def starts_in(kind: str, radius: float, disturbance: float) -> Domain:

@@ -32,8 +32,8 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
             return False
         if check is not min(lemmas, key=lambda other: other.rate or 0.0):
             return False
-    if problem.region is None:
-        return check.kind.role != "region"  # they are about starts, and the question is about the consensus itself
+    if problem.region is None:  # others are about some starts, and the question is about the consensus itself
+        return check.kind.role != "region" or check.domain == "global"
     region, domain = problem.region, check.domain
     if isinstance(domain, str):
         return domain == "global"

@@ -122,7 +122,8 @@ class Coupling(Shown):
 
 
 def make_coupling(h: str | Sequence[str], *, dimension: int, key: str = "coupling.h") -> Coupling:
-    """Read a coupling: one text in y, applied by component, or m texts in y1..ym."""
+    """Read a coupling: one text in y, applied by component, or m texts in y1..ym; if these are one function, each of
+    its own component, they are the same as the one text."""
     if isinstance(h, str) and not isinstance(h, NumberText):
         _refuse_numbered_names(h, dimension=dimension, key=key)
         return Coupling(components=(parse_expression(h, key=key),), by_component=True, dimension=dimension, key=key)
@@ -138,7 +139,11 @@ def make_coupling(h: str | Sequence[str], *, dimension: int, key: str = "couplin
         with kept(errors):
             read.append(parse_expression(text, dimension=dimension, key=f"{key}[{position}]"))
     raise_all(errors)
-    return Coupling(components=tuple(read), by_component=dimension == 1, dimension=dimension, key=key)
+    own = all(set(language.variables_used(each.node)) <= {c} for c, each in enumerate(read))
+    functions = {re.sub(r"\by[0-9]+\b", "y", str(each)) for each in read}
+    if own and len(functions) == 1:  # one function of its own component each
+        read = [parse_expression(functions.pop(), key=key)]
+    return Coupling(components=tuple(read), by_component=len(read) == 1, dimension=dimension, key=key)
 
 
 def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:

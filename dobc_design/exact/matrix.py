@@ -5,6 +5,7 @@ A matrix without rows is (); it stands for 0 x anything. Long products and elimi
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Sequence
 from fractions import Fraction
@@ -19,6 +20,7 @@ from dobc_design.exact.number import from_fmpq_mat, parse_number, to_fmpq_mat
 
 Matrix: TypeAlias = tuple[tuple[Fraction, ...], ...]
 Vector: TypeAlias = tuple[Fraction, ...]
+Bound: TypeAlias = Fraction | float  # a float is infinite
 
 # Above this many scalar products the conversion to flint and back has paid for itself.
 _FLINT_WORK: Final = 1000
@@ -128,6 +130,49 @@ def nullspace(M: Matrix) -> tuple[Vector, ...]:
     row, columns = dict(zip(pivots, reduced, strict=True)), range(shape(M)[1])
     free = [k for k in columns if k not in row]
     return tuple(tuple(-row[j][k] if j in row else Fraction(int(j == k)) for j in columns) for k in free)
+
+
+def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Vector | None:
+    """Return a v != 0 with M v = 0, M (a, b), in a box of b sides [lo, hi]; None if there is none.  Exact.
+
+    A box without 0 asks whether a program has a solution.  In one with 0 any v of the cone that it spans at 0 can be
+    made short enough: then one entry after the other is tried as 1 and -1.
+    """
+    if any(lo > hi for lo, hi in box):
+        return None
+    if any(lo > 0 or hi < 0 for lo, hi in box):
+        return _solve(M, box)
+    cone: list[tuple[Bound, Bound]] = [(-math.inf if lo else lo, math.inf if hi else hi) for lo, hi in box]
+    for k, x in ((k, Fraction(x)) for k in range(len(box)) for x in (1, -1)):
+        found = _solve(M, [*cone[:k], (x, x), *cone[k + 1 :]]) if cone[k][0] <= x <= cone[k][1] else None
+        if found is not None:
+            size = min(max(lo / x, hi / x) for x, (lo, hi) in zip(found, box, strict=True) if x)
+            return tuple(size * x for x in found)
+    return None
+
+
+def _solve(M: Matrix, box: Sequence[tuple[Bound, Bound]]) -> Vector | None:
+    """A v in a nonempty box with M v = 0, by the simplex method with Bland's rule, so that it ends."""
+    order, v = list(range(len(box))), [Fraction(max(lo, min(hi, 0))) for lo, hi in box]
+    while True:
+        reduced, pivots = row_echelon(tuple(tuple(row[k] for k in order) for row in M))
+        rows = {
+            order[p]: {order[k]: -x for k, x in enumerate(row) if x and k != p}
+            for p, row in zip(pivots, reduced, strict=True)
+        }
+        for p, row in rows.items():  # the entries of v that follow from the others
+            v[p] = sum((x * v[k] for k, x in row.items()), Fraction(0))
+        leaving = min((p for p in rows if not box[p][0] <= v[p] <= box[p][1]), default=None)
+        if leaving is None:
+            return tuple(v)
+        goal = Fraction(max(box[leaving][0], min(box[leaving][1], v[leaving])))
+        up, row = goal > v[leaving], rows.pop(leaving)
+        able = [k for k, x in row.items() if (v[k] < box[k][1] if (x > 0) == up else v[k] > box[k][0])]
+        if not able:
+            return None
+        v[leaving] = goal
+        first = [*rows, min(able)]
+        order = [*first, *(k for k in order if k not in first)]
 
 
 def is_symmetric(M: Matrix) -> bool:

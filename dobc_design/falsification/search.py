@@ -10,6 +10,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from os import PathLike
 from typing import Any
@@ -378,7 +379,7 @@ MOST_DAMPING = 1e8
 def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:
     """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
     size = problem.n * problem.m
-    if problem.region is None or problem.is_linear or size > LARGEST:
+    if problem.region is None or size > LARGEST:
         return None
     try:
         with np.errstate(all="ignore"):
@@ -419,8 +420,12 @@ def proved_equilibria(
     roots = [root for root in find_roots(problem, mode, points) if starts.holds(root)]
     roots.sort(key=lambda root: float(np.max(np.abs(root))))
     nearest = roots[:MOST_PROVED]
-    claims = (enclose_equilibrium(problem, mode, root.tolist(), within_region=within_region) for root in nearest)
-    return list(islice((claim for claim in claims if claim is not None), most))
+    enclose = partial(enclose_equilibrium, problem, mode, within_region=within_region)
+    found = list(islice((claim for root in nearest if (claim := enclose(root.tolist())) is not None), most))
+    if found and found[0].is_point:  # one of many: the farthest shows the most
+        farthest = enclose(roots[-1].tolist())
+        return found if farthest is None else [farthest]
+    return found
 
 
 def point_of(claim: Equilibrium) -> Array:

@@ -60,7 +60,9 @@ def test_lemma_1_has_to_hold_in_every_mode_and_the_slowest_speaks():
     certificate = certify(problem(two, gains={1: 2, 2: 2}))
     assert certificate.verdict is PROVED
     assert certificate.rate == min(c.rate for c in certificate.checks if c.id == "lemma1")
-    assert verdict({"a": PAIR, "b": [[1, 2, 50]]}, gains=1) is UNDECIDED
+    failing = problem({"a": PAIR, "b": [[1, 2, 50]]}, gains=1)
+    assert [c.verdict for c in certify(failing).checks if c.id == "lemma1"] == [PROVED, REFUTED]
+    assert certify(failing).covered_by == "max-separable"  # v = (1, 1): |e|_inf decreases in both, from every start
 
 
 def test_a_local_proof_never_covers_a_region():
@@ -209,7 +211,7 @@ def test_a_gain_that_leaves_a_direction_free_refutes_and_a_skew_one_does_not():
     for gain in ([[1, 0], [0, 0]], [[1, -1], [-1, 1]]):
         assert verdict(gains={1: gain}, target=[0, 0]) is REFUTED
     assert verdict(gains={1: [[1, 0], [0, 0]], 2: [[0, 0], [0, 1]]}, target=[0, 0]) is not REFUTED
-    assert verdict(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is UNDECIDED
+    assert verdict(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is PROVED  # by lure: e stays in no kernel of k
     # a region only if it can be started along
     free = {1: [[1, 0], [0, 0]]}
     assert verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [-1, 1]]}) is REFUTED

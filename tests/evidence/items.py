@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from evidence import (
+    agreement,
     bad_files,
     certificates,
     designs,
@@ -55,6 +56,7 @@ ITEMS = (
     Item(name="writers", run=robustness.writers, count=200, seed=8000, share=20),
     Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=30),
     Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=60),  # the count is seconds of CPU time
+    Item(name="agreement", run=agreement.run, count=400, seed=8500, share=40),
     Item(name="cures", run=certificates.cures, count=500, seed=8000, share=100),
     Item(name="decided", run=certificates.decided, count=500, seed=9000, share=100),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=100),  # points

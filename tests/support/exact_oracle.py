@@ -17,8 +17,10 @@ from functools import cache
 from typing import Any
 
 import mpmath
+import numpy as np
 import sympy as sp
 from region_oracle import COVERING, IDS, Regions
+from scipy.optimize import linprog
 
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.problem import Problem
@@ -435,22 +437,15 @@ class Oracle:
 
 
 def moves_within(free: list[sp.Matrix], box: list[tuple[Fraction, Fraction]], *, whole: bool) -> bool:
-    """Whether some c != 0 spanned by ``free`` lies in the box; of two or more free directions each is tried, or all."""
+    """Whether some c != 0 spanned by ``free`` lies in the box: c = F t, one linear program for each end of each c_k."""
     if whole or not free:
         return bool(free)
-    if len(free) == len(box):
-        return all(lo <= hi for lo, hi in box) and any(x for pair in box for x in pair)
-    t = sp.Symbol("t", real=True)
-    for c in free:
-        range_ = sp.S.Reals
-        for x, (lo, hi) in zip(c, box, strict=True):
-            low, high = sp.Rational(lo.numerator, lo.denominator), sp.Rational(hi.numerator, hi.denominator)
-            range_ = range_.intersect(
-                sp.And(low <= t * x, t * x <= high).as_set() if x else sp.S.Reals if low <= 0 <= high else sp.S.EmptySet
-            )
-        if range_ not in (sp.S.EmptySet, sp.FiniteSet(0)):
-            return True
-    return False
+    F = np.array(sp.Matrix.hstack(*free).tolist(), dtype=float)
+    limits = [float(hi) for _, hi in box] + [-float(lo) for lo, _ in box]
+    ends = [
+        linprog(sign * row, A_ub=np.vstack([F, -F]), b_ub=limits, bounds=(None, None)) for row in F for sign in (1, -1)
+    ]
+    return any(end.status == 0 and abs(end.fun) > 1e-9 for end in ends)
 
 
 def key(h: Any) -> tuple[str, ...]:

@@ -277,7 +277,8 @@ def _good() -> Iterator[Case]:
     alone = {"kind": "agents", "labels": ["2"]}
     yield case("half loose", HOLDS, STUCK | {"witness": alone}, **UNDECIDED, what="stuck in mode A")
     yield case("half loose", FAILS, STUCK, **UNDECIDED, what="one of them is pinned")
-    yield case("no region", HOLDS, LINE, what="covers nothing", **_frame_verdict("no region"))
+    yield case("no region", HOLDS, LINE_BOX, what="covers nothing", **_frame_verdict("no region"))
+    yield case("no region", HOLDS, LINE, what="from every start")
     for method, rate in (("interval", "1.99"), ("vertices", "2.9")):
         other = changed(CUBIC, method=method, multipliers={}, rate=float(rate))
         other["exact"]["rate"] = rate

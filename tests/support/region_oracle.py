@@ -119,7 +119,7 @@ class Regions:
         """Whether the domain of a check holds all starts of the region."""
         region, domain = self.document["region"], check["domain"]
         if region is None or domain == "global":
-            return region is not None
+            return bool(domain == "global")
         pairs = [[exact(x) for x in pair] for pair in region["initial_states"]]
         reach = [max(max(abs(lo - g[c]), abs(hi - g[c])) for g in self.goals()) for c, (lo, hi) in enumerate(pairs)]
         R, s = Fraction(repr(domain["radius"])), Fraction(repr(domain["disturbance"]))

@@ -32,7 +32,7 @@ LARGEST: Final = 60  # rows n m
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Equilibrium:
     """A claim: the box, n m intervals for e, agent by agent, holds an equilibrium of h(e) - K e in ``mode`` and not 0.
-    Raises: ShapeError or SpecError for what cannot be a claim."""
+    A box of points is one itself: then others may lie beside it.  Raises: ShapeError or SpecError for no claim."""
 
     mode: str
     box: Box
@@ -40,8 +40,13 @@ class Equilibrium:
     def __post_init__(self) -> None:
         if not self.box:
             raise ShapeError("box must have one interval per component of e; got none.", key="box")
-        if any(side.is_point for side in self.box):
-            raise SpecError("every side of the box must be longer than 0.", key="box")
+        if len({side.is_point for side in self.box}) > 1:
+            raise SpecError("every side of the box must be longer than 0, or none.", key="box")
+
+    @property
+    def is_point(self) -> bool:
+        """Whether the box is a single point."""
+        return self.box[0].is_point
 
     @property
     def middle(self) -> Vector:
@@ -70,8 +75,8 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Equilibrium:
     if not all(isinstance(row, (list, tuple)) and len(row) == 2 for row in rows):
         raise ValueError("the box is no list of intervals")
     ends = [tuple(map(read_rational, row)) for row in rows]
-    if any(lo >= hi for lo, hi in ends):
-        raise ValueError("the box is no list of intervals longer than 0")
+    if any(lo > hi for lo, hi in ends):
+        raise ValueError("the box is no list of intervals")
     if not has_short_denominator((end for pair in ends for end in pair), VECTOR_BITS):
         raise ValueError("the box needs too long a common denominator")
     return Equilibrium(mode=mode, box=tuple(Interval(lo, hi) for lo, hi in ends))

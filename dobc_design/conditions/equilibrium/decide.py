@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 # Half widths tried, relative to the size of the equilibrium, and the digits of the middle beyond them.
 HALF_WIDTHS: Final = (6, 8, 10, 4, 3)
 EXTRA_DIGITS: Final = 4
+BITS: Final = (0, 1, 2, 4, 8, 16)  # of the numbers of a point that is an equilibrium exactly
 IN_HAND: Final = Fraction(9, 10)  # of each half width is used by boxes made here: other enclosures may be wider
 LEAST: Final = 1e-200  # of |e|_inf of an equilibrium that is looked at
 SHOWN: Final = 6  # components of an equilibrium that a sentence names
@@ -61,6 +62,10 @@ def verify_equilibrium(problem: Problem, claim: Equilibrium, *, part: Fraction =
         return undecided("the box holds the target itself.")
     try:
         value = field_at(problem, claim.mode, claim.middle)
+        if claim.is_point:
+            if any(each != Interval.point(0) for each in value):
+                return undecided("the point is not shown to be an equilibrium exactly.")
+            return EquilibriumDecision(Verdict.PROVED, "The point is an equilibrium exactly.")
         slopes = slopes_on(problem, claim.mode, claim.box)
     except UndefinedError as error:
         return undecided(f"the couplings are not bounded on the box: {error}")
@@ -84,7 +89,8 @@ def enclose_equilibrium(
     problem: Problem, mode: str, point: Sequence[float], *, within_region: bool = False
 ) -> Equilibrium | None:
     """A proved box, in the region asked for if ``within_region``, around an equilibrium that floating point sees at
-    ``point`` (n m,); None if none is proved.  Half widths are powers of ten, about 1e-6 of |e|_inf first."""
+    ``point`` (n m,), or one of short numbers near it; None if none is proved.  Half widths are powers of ten, about
+    1e-6 of |e|_inf first."""
     if len(point) != problem.n * problem.m or len(point) > LARGEST or not all(map(math.isfinite, point)):
         return None
     if max(map(abs, point)) < LEAST:
@@ -98,6 +104,13 @@ def enclose_equilibrium(
             continue
         if verify_equilibrium(problem, claim, part=IN_HAND).verdict is Verdict.PROVED:
             return claim
+    largest = max(map(abs, map(Fraction, point)))  # one of many, as in a dead zone: some short numbers may be one, too
+    for bits in BITS:
+        unit = Fraction(2) ** (largest.numerator.bit_length() - largest.denominator.bit_length() - bits)
+        claim = Equilibrium(mode=mode, box=tuple(Interval.point(round(Fraction(x) / unit) * unit) for x in point))
+        inside = not within_region or lies_in_region(problem, claim)
+        if inside and verify_equilibrium(problem, claim).verdict is Verdict.PROVED:
+            return claim
     return None
 
 
@@ -109,7 +122,7 @@ def refuting_check(problem: Problem, claim: Equilibrium) -> Check | None:
     return Check(
         id="equilibrium",
         verdict=Verdict.REFUTED,
-        domain="consensus",
+        domain="global" if problem.is_linear else "consensus",
         reason=_reason(problem, claim),
         claim=claim,
         witness=Witness(kind="start", values=tuple(map(number_text, claim.middle))),
@@ -187,8 +200,10 @@ def _reason(problem: Problem, claim: Equilibrium) -> str:
         place = problem.network.labels[k // m] + ("" if m == 1 else f".{k % m + 1}")
         named.append(f"{place}: {_float(e + problem.goal_of(k // m)[k % m]):.6g}")
     more = ", ..." if len(claim.middle) > SHOWN else ""
+    advice = "Ask for a smaller region, or raise the gains until it is gone."
+    if claim.is_point:
+        advice = "Others may lie beside it, down to the target: pin more agents."
     return (
         f"Consensus fails: in mode {claim.mode} the agents can rest away from the target, at"
-        f" x = ({', '.join(named)}{more}). This start lies in the region asked for."
-        " Ask for a smaller region, or raise the gains until it is gone."
+        f" x = ({', '.join(named)}{more}). This start lies in the region asked for. {advice}"
     )

@@ -16,7 +16,7 @@ from functools import cache
 from typing import Final
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.enclosures import Curve, secant_range
+from dobc_design.coupling.enclosures import Curve, jet, secant_range
 from dobc_design.coupling.expression import polynomial_degree, variables_used
 from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.errors import SpecError
@@ -84,7 +84,10 @@ def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
     Raises: UndefinedError naming h and the interval where h or its slope is not bounded."""
     box = Interval(-radius, radius)
     if coupling.by_component:
-        gain = secant_range(Curve(coupling.components[0]), box)
+        curve = Curve(coupling.components[0])
+        gain = secant_range(curve, box)
+        for end in (-radius, radius):  # sqrt has a secant gain as far as it is defined, but others may need its slope
+            jet(curve, Interval.point(end))
         m = range(coupling.dimension)
         return tuple(tuple(gain if i == j else _ZERO for j in m) for i in m)
     return _jacobian_hull(coupling, (box,) * coupling.dimension)

@@ -278,7 +278,7 @@ ENOUGH = 0.5  # of that rate, where N loses some because kappa needs room
 COARSE, CLOSE_ENOUGH = 8, 0.01  # points of s, and accuracy of a rate, where many v are looked for
 SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
 # Weights above which v is steep, and the parts of the rate that are tried in its place.
-STEEP, FLATTER = 100.0, (0.9, 0.7, 0.4)
+STEEP, FLATTER = 100.0, (0.9, 0.7, 0.4, 0.1, 0.02)
 ROUNDING = 1e-15  # of h, absolutely
 
 
@@ -418,8 +418,12 @@ def flat_separable(
 
 def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePlan]:
     """The same plan with flatter v and smaller rates, for a v too steep to be proved; nothing for one that is flat.
-    The largest rate may ask for weights of which nothing is left of an enclosure: chains of agents have such."""
-    if float(plan.v.max()) <= STEEP or len(plan.v) > FEW_AGENTS:
+    The largest rate may ask for weights of which nothing is left of an enclosure: chains of agents have such; or with
+    which agents are compared so far apart that a coupling is not defined there."""
+    far = 2 * float(plan.rho) * float(plan.v.max())
+    with np.errstate(all="ignore"):
+        ends = [each.numpy_function()([[y] * problem.m for y in (-far, far)]) for each in problem.couplings]
+    if (float(plan.v.max()) <= STEEP and np.isfinite(ends).all()) or len(plan.v) > FEW_AGENTS:
         return
     found = propose_vectors(problem, rho=float(plan.rho), parts=FLATTER)
     for part, each in zip(FLATTER, found, strict=False):

@@ -194,9 +194,11 @@ def test_no_equilibrium_is_proved_where_there_is_none():
             assert not is_proved(problem, boxed(*middle, half=scale * F(r.randint(1, 40), 100), mode="G0"))
 
 
-def test_a_line_of_equilibria_large_problems_and_wild_points_are_left_alone():
+def test_of_a_line_of_equilibria_a_point_is_proved_and_large_problems_and_wild_points_are_left_alone():
     """Without pins every common shift is an equilibrium; the slopes are singular and nothing is isolated."""
-    assert enclose_equilibrium(listening_pair(gains=None), "G", [1.0, 1.0]) is None
+    found = enclose_equilibrium(listening_pair(gains=None), "G", [1.0, 1.0])
+    assert found == Equilibrium(mode="G", box=(Interval.point(1),) * 2)
+    assert enclose_equilibrium(listening_pair(gains=None), "G", [1.0, -1.0]) is None
     arcs = [[i, i % 61 + 1] for i in range(1, 62)]
     problem = linked(arcs, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
     assert enclose_equilibrium(problem, "G", [1.0] * 61) is None
@@ -247,7 +249,9 @@ def moved(check: Check, by: str) -> dict[str, Any]:
         (lambda c: changed(c, box=c.exact["box"][:1]), "one interval per component"),
         (lambda c: changed(c, box="text"), "a list of intervals"),
         (lambda c: changed(c, box=[["1"], ["2"]]), "no list of intervals"),
-        (lambda c: changed(c, box=[["1", "1"], ["1", "1"]]), "no list of intervals"),
+        (lambda c: changed(c, box=[["1", "-1"], ["1", "1"]]), "no list of intervals"),
+        (lambda c: changed(c, box=[["1", "1"], ["1", "2"]]), "longer than 0, or none"),
+        (lambda c: changed(c, box=[["1", "1"], ["1", "1"]]), "not the middle"),
         (lambda c: changed(c, box=[[-1.7, -1.6], [1.6, 1.7]]), "rational as text"),
         (lambda c: moved(c, "1/1000"), "Krawczyk"),
         (lambda c: moved(c, "4"), "leaves the region"),

@@ -1,0 +1,227 @@
+"""``certify`` writes what the second program confirms: known defects by their problems, and programs that disagree."""
+
+from __future__ import annotations
+
+import json
+import random
+from dataclasses import replace
+from fractions import Fraction
+from itertools import product
+
+import pytest
+from linked import linked
+
+import dobc_design.certification.recheck as rechecks
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify, verify
+from dobc_design.checker import files
+from dobc_design.checker.examine import Refused, examine
+from dobc_design.conditions.check import Values, Witness
+from dobc_design.errors import CertificateError
+from dobc_design.exact.matrix import find_in_nullspace
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.verdict import Verdict
+
+PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+CONSTANT = Exosystem(A=[[0]], C=[[1]])
+LIST, ONE = ["tanh(y1)", "tanh(y2)"], "tanh(y)"
+
+
+def matrix_gains(third=(1, 2)):
+    """Agent 1 listens to nobody; its gain leaves (0, y, z) free, and gains of both need not leave a basis vector."""
+    sides = [[-1, 1], [1, 2], list(third)]
+    gains = {1: [[1, 0, 0], [0, 1, -1], [0, -1, 1]], 2: [[1, 0, 0], [0, 0, 0], [0, 0, 0]]}
+    return linked([[2, 1]], gains=gains, target=[0, 0, 0], region={"initial_states": sides})
+
+
+def box(h, half, **more):
+    return linked([[2, 1]], 2, coupling=h, region={"initial_states": [f"-{half}", half]}, **more)
+
+
+def chain(*weights):
+    arcs = [[i + 2, i + 1, weight] for i, weight in enumerate(weights)]
+    return linked(arcs, gains={1: "0.1" if len(weights) == 1 else 1})
+
+
+CASES = {
+    "closed set, basis test": (matrix_gains(), REFUTED),
+    "closed set, just missed": (matrix_gains(third=(3, 4)), UNDECIDED),
+    "sqrt": (box("sqrt(1+y) - 1", "0.6", gains={1: 2}), UNDECIDED),
+    "sqrt, inside": (box("sqrt(1+y) - 1", "0.4", gains={1: 2}), PROVED),
+    "log": (box("log(1+y)", "0.4", gains={1: 2}), PROVED),
+    "list": (box(LIST, 3, gains={1: 1}, target=[0, 0]), PROVED),
+    "chain": (chain("2.8", "0.5", "2.9", "0.4"), PROVED),
+    "chain of two": (linked([[2, 1, 2]], gains={1: "0.1"}), PROVED),
+    "chain of two, disturbed": (linked([[2, 1, 2]], gains={1: "0.1"}, exosystem=CONSTANT), PROVED),
+    "chain of two, held by nobody": (linked([[2, 1, 2]], gains={2: "0.1"}), REFUTED),
+    "max(y, 0)": (box("max(y, 0)", "0.8", gains={1: 2}), REFUTED),
+    "max(y, 0), held": (box("max(y, 0)", "0.8", gains={1: 2, 2: 2}), PROVED),
+    "dead zone": (box("max(y - 0.1, 0) + min(y + 0.1, 0)", "0.8", gains={1: 2}), REFUTED),
+    "0*y": (box("0*y", 1, gains={1: 1}), REFUTED),
+}
+
+
+SLOW = ("sqrt", "max(y, 0)", "dead zone")
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES])
+def test_known_defects_end_as_they_should_and_both_programs_accept(name: str):
+    problem, wanted = CASES[name]
+    certificate = certify(problem)
+    assert (certificate.verdict, verify(certificate, problem).failures) == (wanted, ())
+    assert not any("second program" in check.reason for check in certificate.checks)
+    if name == "sqrt":  # |e_i| <= 1/2 compares the agents as far apart as sqrt(1 + y) has values
+        assert certificate.check("max-separable").domain["radius"] > 0.4
+
+
+def test_a_list_of_one_function_is_that_function():
+    listed, single = (box(h, 3, gains={1: 1}, target=[0, 0]) for h in (LIST, ONE))
+    assert canonical_bytes(listed) == canonical_bytes(single)
+    for other in (["tanh(y2)", "tanh(y1)"], ["tanh(y1)", "2*y2"], ["tanh(y1) + 0*y2", "tanh(y2)"]):
+        assert not box(other, 3, gains={1: 1}, target=[0, 0]).coupling.by_component
+
+
+def test_one_sided_couplings_get_no_advice_that_cannot_help():
+    """e2' = (e1 - e2)^2 leaves from every e2 > 0, so that a smaller region is no help."""
+    certificate = certify(box("y**2", "0.8", gains={1: 2}))
+    assert certificate.verdict is UNDECIDED and "smaller" not in certificate.claims.reason
+
+
+# --- the linear program of verdict 2(a) -------------------------------------------------------------------------------
+def free_shift_by_checker(M, sides) -> bool:
+    problem = object.__new__(files.Problem)
+    problem.m, problem.gains, problem.goals = len(sides), {0: [list(row) for row in M]}, [[Fraction(0)] * len(sides)]
+    problem.region = type("Region", (), {"initial_states": sides})
+    return problem.leaves_free({0})
+
+
+def largest_by_scipy(M, sides) -> float:
+    """The largest |entry| of a point of the box in the nullspace; 0 if there is none."""
+    from scipy.optimize import linprog
+
+    if any(lo > hi for lo, hi in sides):
+        return 0.0
+    found = 0.0
+    for k, sign in product(range(len(sides)), (1, -1)):
+        cost = [-sign * (j == k) for j in range(len(sides))]
+        A = [[float(x) for x in row] for row in M] or None
+        answer = linprog(cost, A_eq=A, b_eq=A and [0] * len(A), bounds=[(float(lo), float(hi)) for lo, hi in sides])
+        found = max(found, -answer.fun if answer.status == 0 else 0.0)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_box_meets_a_nullspace_iff_a_linear_program_says_so(seed: int):
+    r, found = random.Random(seed), {True: 0, False: 0}
+    for _ in range(60):
+        m = r.randint(1, 5)
+        M = tuple(tuple(Fraction(r.choice((0, 0, 0, 1, -1, 2, -3))) for _ in range(m)) for _ in range(r.randint(0, m)))
+        sides = []
+        for _ in range(m):
+            lo = r.randint(-3, 2)
+            own = (lo, lo + r.choice((-1, *(0, 0, 1, 1, 2, 3) * 5)))
+            sides.append(tuple(map(Fraction, r.choice((own, (0, 2), (-2, 0), (0, 0), (-1, 1))))))
+        v = find_in_nullspace(M, sides)
+        if v is not None:
+            assert any(v) and all(lo <= x <= hi for x, (lo, hi) in zip(v, sides, strict=True))
+            assert all(sum(a * x for a, x in zip(row, v, strict=True)) == 0 for row in M)
+        assert (v is not None) is (largest_by_scipy(M, sides) > 1e-7) is free_shift_by_checker(M, sides)
+        found[v is not None] += 1
+    assert min(found.values()) > 10
+
+
+# --- disagreement -----------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def disturbed():
+    region = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
+    problem = linked([[2, 1]], coupling="tanh(y)", gains=2, exosystem=CONSTANT, region=region)
+    return problem, certify(problem).claims
+
+
+@pytest.mark.parametrize("which", ["max-separable", "delay", "lemma1", "theorem1", "hurwitz", "overall"])
+def test_what_the_second_program_refuses_is_not_written(which: str, disturbed, monkeypatch: pytest.MonkeyPatch):
+    """The same program, but it refuses whatever is proved under this name."""
+    problem, honest = disturbed
+
+    def refuses(data: bytes, document: bytes):
+        said = examine(data, document)
+        return [(holds and not (text.startswith(which) and "proved" in text), text) for holds, text in said]
+
+    monkeypatch.setattr(rechecks.checker, "examine", refuses)
+    claims = rechecks.agreed(honest, problem)
+    if which == "overall":
+        assert (honest.verdict, claims.verdict, claims.covered_by) == (PROVED, UNDECIDED, None)
+        assert "second program" in claims.reason
+        return
+    withdrawn = [new for new, old in zip(claims.checks, honest.checks, strict=True) if new != old]
+    assert which in [check.id for check in withdrawn] and (claims.P is None) is (which == "theorem1")
+    assert all(check.verdict is UNDECIDED and "second program" in check.reason for check in withdrawn)
+    assert claims.verdict is (UNDECIDED if which == "max-separable" else PROVED)
+    monkeypatch.undo()  # what is left is a certificate like any other
+    assert verify(certificate_bytes(claims), problem).failures == ()
+
+
+def test_a_problem_that_the_second_program_cannot_read_has_no_proof(monkeypatch: pytest.MonkeyPatch):
+    def refuses(data: bytes, document: bytes):
+        raise Refused("too deep")
+
+    monkeypatch.setattr(rechecks.checker, "examine", refuses)
+    certificate = certify(chain("2"))
+    assert certificate.verdict is UNDECIDED and {check.verdict for check in certificate.checks} == {UNDECIDED}
+
+
+# --- points and malformed claims --------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def stuck():
+    problem, _ = CASES["max(y, 0)"]
+    return problem, certify(problem).claims
+
+
+@pytest.mark.parametrize("point", [("0", "1/2"), ("0", "-1/2"), ("1/100", "1/2"), ("0", "0"), ("0", "9/10")])
+def test_a_point_is_confirmed_iff_it_is_an_equilibrium_in_the_region(point: tuple[str, str], stuck):
+    """max(y, 0) with one pin: exactly e1 = 0 <= e2 <= 0.8, but not the target."""
+    problem, claims = stuck
+    old = next(check for check in claims.checks if check.id == "equilibrium")
+    bent = {"mode": "G", "box": [[x, x] for x in point]}
+    check = replace(old, claim=Values(bent), witness=Witness(kind="start", values=point))
+    changed = replace(claims, checks=tuple(check if each is old else each for each in claims.checks))
+    data = certificate_bytes(changed)
+    true = point == ("0", "1/2")
+    assert rechecks.recheck(data, problem).holds is true
+    assert all(holds for holds, _ in examine(data, canonical_bytes(problem))) is true
+
+
+@pytest.fixture(scope="module")
+def made() -> bytes:
+    return certificate_bytes(certify(CASES["list"][0]).claims)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        *((("checks", 0, key), "nobody") for key in ("id", "verdict")),
+        *((("checks", 0, "domain"), {"kind": kind, "radius": 1}) for kind in ("box", None)),
+        *(((key,), value) for key in ("verdict", "checks", "rate", "observer") for value in (None, "x", 3)),
+        (("observer", "P"), []),
+        (("program", "name"), None),
+    ],
+)
+def test_malformed_claims_have_the_exit_code_of_the_second_program(path, value, made: bytes):
+    problem, _ = CASES["list"]
+    document = json.loads(made)
+    place = document
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    data = json.dumps(document).encode()
+    try:
+        code = 0 if all(holds for holds, _ in examine(data, canonical_bytes(problem))) else 1
+    except Refused:
+        code = 2
+    assert code
+    if code == 1:
+        assert not verify(data, problem).holds
+    else:
+        with pytest.raises(CertificateError, match="read"):
+            verify(data, problem)

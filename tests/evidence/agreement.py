@@ -1,0 +1,94 @@
+"""``certify`` and the second program on random problems of every kind: they agree on every claim that is made."""
+
+from __future__ import annotations
+
+from random import Random
+from typing import Any
+
+from evidence.row import Row
+from random_problems import random_problem
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify, verify
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+
+SMOOTH = ("y", "2*y", "tanh(y)", "sin(y)", "y + y**3/4", "exp(y) - 1 + y", "atan(2*y)", "y/(1 + y**2)", "sinh(y)/2")
+EDGES = ("sqrt(1 + y) - 1", "log(1 + y)", "y/(2 - y)", "tan(y)", "1 - sqrt(1 - y)", "y + log(1 - y/2)")
+KINKS = (
+    "max(y, 0)",
+    "min(y, 2*y)",
+    "clip(y, -1, 1)",
+    "y + abs(y)/2",
+    "max(y - 1/4, 0) + min(y + 1/4, 0)",
+    "y**2",
+    "0*y",
+)
+LISTS = (
+    ["tanh(y1)", "tanh(y2)"],
+    ["y1", "2*y2"],
+    ["sin(y1) + y2/4", "y2"],
+    ["log(1 + y1)", "y2 + y1*y2/4"],
+    ["sqrt(1 + y1) - 1", "sqrt(1 + y2) - 1"],
+)
+EXOSYSTEMS = ([[0]], [[0, 1], [0, 0]], [[0, 2], [-2, 0]], [[-1]])
+
+
+def run(count: int, seed: int) -> Row:
+    """No claim that is made is refused by the second program, and none had to be withdrawn because of it."""
+    failures, verdicts = [], dict.fromkeys(("proved", "refuted", "undecided"), 0)
+    for number in range(seed, seed + count):
+        problem = any_problem(number)
+        certificate = certify(problem)
+        verdicts[certificate.verdict.value] += 1
+        failures += [f"{number}: {c.reason}" for c in certificate.checks if "second program" in c.reason]
+        failures += [f"{number}: {text}" for text in verify(certificate_bytes(certificate.claims), problem).failures]
+        failures += [f"{number}: {certificate.claims.reason}"] if "second program" in certificate.claims.reason else []
+    notes = [", ".join(f"{many} {verdict}" for verdict, many in verdicts.items())]
+    return Row("certify and the second program: problems of every kind on which they agree", count, failures, notes)
+
+
+def any_problem(seed: int) -> Problem:
+    """Up to five agents, two components and two modes, some with an exosystem or several, matrix gains, a region."""
+    r = Random(seed)
+    if r.random() < 0.2:
+        return random_problem(seed)
+    n, m = r.randint(1, 5), r.choice((1, 1, 2))
+    chain = [(i, r.randint(1, i - 1)) for i in range(2, n + 1) if r.random() < 0.9]
+    pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
+    modes = {
+        mode: [[*pair, r.choice(("1", "1/2", "5/4"))] for pair in pairs if pair in chain or r.random() < 0.25]
+        for mode in ("a", "b")[: r.choice((1, 1, 2))]
+    }
+    given: dict[str, Any] = {"gains": {i: _gain(r, m) for i in range(1, n + 1) if i == 1 or r.random() < 0.3}}
+    kind = r.random()
+    if kind < 0.2 and n > 1:
+        rest = tuple(str(i) for i in range(2, n + 1))
+        given["groups"] = [Group(agents=each, exosystem=_exosystem(r, m)) for each in (("1",), rest)]
+    elif kind < 0.4:
+        given["exosystem"] = _exosystem(r, m)
+    if r.random() < 0.8:
+        ends = [sorted(r.choice((-1, 1)) * r.choice((0, 1, 2, 3, 5, 8)) for _ in "ab") for _ in range(m)]
+        given["region"] = {"initial_states": [[f"{lo}/5", f"{hi}/5"] for lo, hi in ends]}
+        if kind < 0.4 and len(given) > 2:
+            given["region"]["initial_disturbance"] = r.choice(("0", "1/10", "1/2"))
+    listed = m == 2 and r.random() < 0.5
+    return Problem(
+        network=Network.from_arcs(modes, arrow="listens_to", agents=n),
+        coupling=r.choice(LISTS if listed else r.choice((SMOOTH, SMOOTH, EDGES, KINKS))),
+        target=[r.choice(("0", "0", "0", "1/5")) for _ in range(m)],
+        **given,
+    )
+
+
+def _gain(r: Random, m: int) -> Any:
+    if m == 1 or r.random() < 0.4:
+        return r.choice(("1/10", "1", "2", "5"))
+    return r.choice(([[1, 0], [0, 0]], [[1, -1], [-1, 1]], [[2, 1], [-1, 2]], [[0, 0], [0, 3]], [[1, 1], [1, 1]]))
+
+
+def _exosystem(r: Random, m: int) -> Exosystem:
+    A = r.choice(EXOSYSTEMS)
+    return Exosystem(A=A, C=[[r.choice((1, 1, 0, -1)) for _ in A] for _ in range(m)])

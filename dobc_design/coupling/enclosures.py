@@ -93,16 +93,15 @@ def secant(curve: Curve, Y: Interval) -> Secant:
     g' = (h' - g)/y away from 0, and g'(y) = int_0^1 s h''(s y) ds lies in half the hull of h'' between 0 and y.
     Raises: UndefinedError where h has no value on Y, or no bounded slope on a Y that contains 0.
     """
-    if Y.is_point:
-        return Secant(_secant_at(curve, Y.lo), None)
+    if Y.is_narrow:
+        return Secant(_secant_at(curve, Y), None)
     known, slope = _from_zero(curve, Y) if Y.contains(0) else _from_both(curve, Y)
     if slope is None:
         return Secant(known, None)
-    if slope.lo >= 0 or slope.hi <= 0:
-        ends = _secant_at(curve, Y.lo).hull(_secant_at(curve, Y.hi))
-        return Secant(_meet(known, ends), slope)
-    middle = Y.midpoint
-    return Secant(_meet(known, _secant_at(curve, middle) + slope * (Y - middle)), slope)
+    if slope.sign:
+        return Secant(known.meet(_at_ends(_secant_at, curve, Y)), slope)
+    middle = Y.middle()
+    return Secant(known.meet(_secant_at(curve, middle) + slope * (Y - middle)), slope)
 
 
 def _from_zero(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
@@ -116,17 +115,18 @@ def _from_both(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
     known, slope = value(curve, Y) / Y, None
     try:
         mean, slope = _from_zero(curve, Y.hull(ZERO))
-        known = _meet(mean, known)
+        known = mean.meet(known)
     except UndefinedError:  # the bounds from Y itself remain
         pass
     try:
         own = jet(curve, Y, restricted=True).slope
     except UndefinedError:
         return known, slope
-    rough = _meet(slope, (own - known) / Y)
-    if rough.lo >= 0 or rough.hi <= 0:  # the ends are tighter bounds of g, and with them of g'
-        known = _meet(known, _secant_at(curve, Y.lo).hull(_secant_at(curve, Y.hi)))
-        rough = _meet(rough, (own - known) / Y)
+    rough = (own - known) / Y
+    rough = rough if slope is None else slope.meet(rough)
+    if rough.sign:  # the ends are tighter bounds of g, and with them of g'
+        known = known.meet(_at_ends(_secant_at, curve, Y))
+        rough = rough.meet((own - known) / Y)
     return known, rough
 
 
@@ -152,10 +152,10 @@ def value_form(curve: Curve, Y: Interval) -> Interval:
         slope = jet(curve, Y, restricted=True).slope
     except UndefinedError:  # h may be defined where h' is not bounded, as sqrt is at 0
         return natural
-    if slope.lo >= 0 or slope.hi <= 0:
-        return _meet(natural, value(curve, Interval.point(Y.lo)).hull(value(curve, Interval.point(Y.hi))))
-    middle = Interval.point(Y.midpoint)
-    return _meet(natural, value(curve, middle) + slope * (Y - middle))
+    if slope.sign:
+        return natural.meet(_at_ends(value, curve, Y))
+    middle = Y.middle()
+    return natural.meet(value(curve, middle) + slope * (Y - middle))
 
 
 @lru_cache(maxsize=_REMEMBERED)
@@ -164,22 +164,21 @@ def slope_form(curve: Curve, Y: Interval) -> Interval:
     found = jet(curve, Y)
     if Y.is_point or found.curvature is None:
         return found.slope
-    if found.curvature.lo >= 0 or found.curvature.hi <= 0:
-        ends = (jet(curve, Interval.point(y)).slope for y in (Y.lo, Y.hi))
-        return _meet(found.slope, next(ends).hull(next(ends)))
-    middle = Interval.point(Y.midpoint)
-    return _meet(found.slope, jet(curve, middle).slope + found.curvature * (Y - middle))
+    if found.curvature.sign:
+        return found.slope.meet(_at_ends(slope_form, curve, Y))
+    middle = Y.middle()
+    return found.slope.meet(slope_form(curve, middle) + found.curvature * (Y - middle))
 
 
-def _secant_at(curve: Curve, y: Fraction) -> Interval:
-    if not y:
-        return jet(curve, ZERO).slope
-    return value(curve, Interval.point(y)) / y
+def _secant_at(curve: Curve, y: Interval) -> Interval:
+    """g at a point, or on what rounding makes of one."""
+    return jet(curve, y).slope if y.is_zero else value(curve, y) / y
 
 
-def _meet(known: Interval | None, other: Interval) -> Interval:
-    """The common part of two enclosures of the same thing."""
-    return other if known is None else Interval(max(known.lo, other.lo), min(known.hi, other.hi))
+def _at_ends(form: Callable[[Curve, Interval], Interval], curve: Curve, Y: Interval) -> Interval:
+    """The hull of what a form encloses at both ends."""
+    low, high = Y.ends()
+    return form(curve, low).hull(form(curve, high))
 
 
 def tight_range(
@@ -225,7 +224,7 @@ def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
 
 def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fraction) -> Fraction:
     """An upper bound of the form's values on the pieces: branch and bound, the highest piece first."""
-    attained = max(form(Interval.point(y)).lo for _, piece in pieces for y in (piece.lo, piece.hi))
+    attained = max(form(end).lo for _, piece in pieces for end in piece.ends())
     count = len(pieces)
     heap = [(-values.hi, number, piece) for number, (values, piece) in enumerate(pieces)]
     heapq.heapify(heap)
@@ -237,7 +236,7 @@ def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fr
         if -highest - attained <= slack or count >= _MOST_PIECES or piece.width <= narrow:
             return -highest
         heapq.heappop(heap)
-        attained = max(attained, form(Interval.point(piece.midpoint)).lo)
+        attained = max(attained, form(piece.middle()).lo)
         for half in piece.halves():
             count += 1
             heapq.heappush(heap, (-min(form(half).hi, -highest), count, half))
@@ -295,7 +294,7 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
         last = place.width <= narrow or count > _MOST_CELLS
         try:
             slope = jet(curve, place, restricted=True).slope
-            direction = 1 if slope.lo >= 0 else -1 if slope.hi <= 0 else 0
+            direction = slope.sign
         except UndefinedError:
             if last:
                 raise

@@ -22,9 +22,11 @@ from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import FACES, ErrorBound, Place, Row, Separable, Term
 from dobc_design.conditions.separable.large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
 from dobc_design.coupling.enclosures import Cell, Curve, Profile, jet, profile, secant
+from dobc_design.coupling.tree import ZERO
 from dobc_design.errors import SpecError
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
+from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
@@ -210,26 +212,55 @@ def decide_row(
 ) -> tuple[Verdict, Fraction | None]:
     """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s."""
     limit = (row.gain - alpha) * row.own
+    if _by_floats(row, face, profiles, limit=limit, rho=rho):
+        return Verdict.PROVED, None
     waiting, count = [Interval(_ZERO, rho)], 0
     while waiting:
         S = waiting.pop()
         count += 1
         if upper_bound(row, face, profiles, S) <= limit:
             continue
-        for s in (S.hi, S.midpoint):
+        for s in (S.ends()[1], S.middle()):
             if lower_bound(row, face, profiles, s) > limit:
-                return Verdict.REFUTED, s
+                return Verdict.REFUTED, s.lo
         if count >= MOST_PIECES:
             return Verdict.UNDECIDED, S.midpoint
         waiting += S.halves()
     return Verdict.PROVED, None
 
 
+def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fraction, rho: Fraction) -> bool:
+    """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones are left to decide."""
+    try:
+        waiting, near, count = [Floats.around(Interval(_ZERO, rho))], limit - abs(limit) / 10**9, 0
+        while waiting:
+            S = waiting.pop()
+            if upper_bound(row, face, profiles, S) <= limit:
+                continue
+            count += 1
+            if count >= MOST_PIECES or upper_bound(row, face, profiles, S.middle()) > near:
+                return False
+            waiting += S.halves()
+    except UndefinedError:
+        return False
+    return True
+
+
 def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction) -> Fraction:
     """A rate alpha for which the row holds, about the part TOLERANCE below the largest; or one above ``enough``."""
-    S, count = Interval(_ZERO, rho), 0
-    heap = [(-upper_bound(row, face, profiles, S), 0, S)]
-    attained = lower_bound(row, face, profiles, rho)
+    try:
+        S, unsure = Floats.around(Interval(_ZERO, rho)), row.gain / 10**12
+        rate = _rate_on(S, row, face, profiles, enough=enough)
+        if rate >= enough or rounded_down(rate) == rounded_down(rate + unsure):
+            return rate
+    except UndefinedError:  # beyond the floats, or nearer to a number of nine digits than they can tell
+        pass
+    return _rate_on(Interval(_ZERO, rho), row, face, profiles, enough=enough)
+
+
+def _rate_on(S: Interval, row: Row, face: int, profiles: Sequence[Profile], *, enough: Fraction) -> Fraction:
+    count, heap = 0, [(-upper_bound(row, face, profiles, S), 0, S)]
+    attained = lower_bound(row, face, profiles, S.ends()[1])
     while True:
         top, _, S = heap[0]
         rate = row.gain + top / row.own
@@ -237,7 +268,7 @@ def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction
         if rate >= enough or -top - attained <= slack or count >= MOST_PIECES:
             return rate
         heapq.heappop(heap)
-        attained = max(attained, lower_bound(row, face, profiles, S.midpoint))
+        attained = max(attained, lower_bound(row, face, profiles, S.middle()))
         for half in S.halves():
             count += 1
             heapq.heappush(heap, (-min(upper_bound(row, face, profiles, half), -top), count, half))
@@ -247,7 +278,7 @@ def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
     """An upper bound of sum w phi for linear couplings, where phi does not depend on s; exact if slopes are."""
     total = _ZERO
     for term in row.terms:
-        slope = jet(profiles[term.coupling].curve, Interval.point(0)).slope
+        slope = jet(profiles[term.coupling].curve, ZERO).slope
         total += term.weight * max((slope * term.step).hi, (slope * -term.reach).hi)
     return total
 
@@ -261,7 +292,7 @@ def upper_bound(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -
             rising.append(term)
         else:
             others += term.weight * _largest(profiles[term.coupling], face, term, S)
-    total, change = Interval.point(0), Interval.point(0)
+    total = change = ZERO
     smooth = not S.is_point
     for term in rising:
         if not term.step:
@@ -274,37 +305,37 @@ def upper_bound(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -
             smooth = False
     bound = total.hi
     if smooth:
-        at = S.hi if change.lo >= 0 else S.lo if change.hi <= 0 else S.midpoint
+        at = S.middle() if not change.sign else S.ends()[change.sign > 0]
         bound = min(bound, (_at(rising, face, profiles, at) + change * (S - at)).hi)
     return bound + others
 
 
-def lower_bound(row: Row, face: int, profiles: Sequence[Profile], s: Fraction) -> Fraction:
-    """A bound that sum w phi(s) is at least at this s > 0: phi is no less than what h takes at the ends."""
+def lower_bound(row: Row, face: int, profiles: Sequence[Profile], s: Interval) -> Fraction:
+    """A bound that sum w phi(s) is at least at this s > 0, a point: phi is no less than what h takes at the ends."""
     total = _ZERO
     for term in row.terms:
         kind = profiles[term.coupling]
-        ends = [_secant_times(kind, face, t, Interval.point(s)).lo for t in (term.step, -term.reach)]
+        ends = [_secant_times(kind, face, t, s).lo for t in (term.step, -term.reach)]
         inside = (
-            cell.values.lo / s if face > 0 else -cell.values.hi / s
+            cell.values.lo / s.lo if face > 0 else -cell.values.hi / s.lo
             for cell in _turns(kind, face)
-            if -s * term.reach <= _mirrored(cell, face).lo and _mirrored(cell, face).hi <= s * term.step
+            if -s.lo * term.reach <= _mirrored(cell, face).lo and _mirrored(cell, face).hi <= s.lo * term.step
         )
         total += term.weight * max(*ends, *inside)
     return total
 
 
-def _at(terms: Sequence[Term], face: int, profiles: Sequence[Profile], s: Fraction) -> Interval:
-    """Sum of w step g(s step) at one s >= 0."""
-    total = Interval.point(0)
+def _at(terms: Sequence[Term], face: int, profiles: Sequence[Profile], s: Interval) -> Interval:
+    """Sum of w step g(s step) at one s >= 0, a point."""
+    total = ZERO
     for term in terms:
-        total += _secant_times(profiles[term.coupling], face, term.step, Interval.point(s)) * term.weight
+        total += _secant_times(profiles[term.coupling], face, term.step, s) * term.weight
     return total
 
 
 def _secant_times(kind: Profile, face: int, t: Fraction, S: Interval) -> Interval:
     """t g(s t) for s in S, for h or for -h(-y): the value h(s t)/s."""
-    return secant(kind.curve, S * (face * t)).value * t if t else Interval.point(0)
+    return secant(kind.curve, S * (face * t)).value * t if t else ZERO
 
 
 def _rises(kind: Profile, face: int, term: Term, S: Interval) -> bool:

@@ -15,7 +15,7 @@ from itertools import groupby, pairwise
 from typing import Final
 
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.tree import ZERO, GradientAlgebra, IntervalAlgebra, Jet, program, run
+from dobc_design.coupling.tree import ONE, ZERO, GradientAlgebra, IntervalAlgebra, Jet, program, run
 from dobc_design.exact.interval import Interval, UndefinedError
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is above 1).
@@ -34,6 +34,7 @@ _MOST_CELLS: Final = 20_000
 _VALUES: Final = IntervalAlgebra()
 _JETS: Final = GradientAlgebra(1, second=True)
 _RESTRICTED: Final = GradientAlgebra(1, second=True, restricted=True)
+_UNIT: Final = (ONE,)
 
 Form = Callable[[Interval], Interval]
 
@@ -83,7 +84,7 @@ def value(curve: Curve, Y: Interval) -> Interval:
 def jet(curve: Curve, Y: Interval, *, restricted: bool = False) -> Jet:
     """Enclose h, h' and h'' on Y by one evaluation; ``restricted`` as in GradientAlgebra."""
     steps = curve.programs.restricted if restricted and not Y.is_point else curve.programs.jets
-    return run(steps, _JETS.variables((Y,)))
+    return run(steps, (Jet(Y, _UNIT, ZERO),))
 
 
 @lru_cache(maxsize=_REMEMBERED)

@@ -11,7 +11,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import ClassVar, Final, Protocol, TypeVar
+from typing import ClassVar, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -273,8 +273,7 @@ class IntervalAlgebra(Operators):
         return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].interval(*operands))
 
 
-@dataclass(frozen=True, slots=True)
-class Jet:
+class Jet(NamedTuple):
     """Enclosures of a value and its partial derivatives (Clarke's at a kink) on a box, in one variable also of h''.
 
     ``curvature`` is None where it is not asked for, or where there may be a kink and h'' is not defined everywhere.

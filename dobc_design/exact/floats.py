@@ -13,7 +13,7 @@ from functools import lru_cache
 from math import inf, nextafter
 from typing import Final
 
-from dobc_design.exact.interval import Interval, UndefinedError, float_values
+from dobc_design.exact.interval import WAVES, Interval, UndefinedError, float_values
 
 #: Ends beyond are refused.
 LARGEST: Final = 1e300
@@ -75,18 +75,20 @@ class Floats(Interval):
         """Return the least interval of floats that contains a number, or an interval."""
         if type(value) is Floats:
             return value
+        if type(value) is int and -_WHOLE <= value <= _WHOLE:
+            return Floats(float(value), float(value))
         if isinstance(value, Interval):
             low, high = float_bounds(value.lo)
             return Floats(low, high if value.hi is value.lo else float_bounds(value.hi)[1])
         return Floats(*float_bounds(value))
 
-    @property
-    def lo(self) -> Fraction:  # type: ignore[override]
-        return Fraction(*self.a.as_integer_ratio())
-
-    @property
-    def hi(self) -> Fraction:  # type: ignore[override]
-        return Fraction(*self.b.as_integer_ratio())
+    def __getattr__(self, name: str) -> Fraction:
+        """An end as a rational, made when it is first asked for."""
+        if name not in ("lo", "hi"):
+            raise AttributeError(name)
+        end = Fraction(*(self.a if name == "lo" else self.b).as_integer_ratio())
+        setattr(self, name, end)
+        return end
 
     @property
     def is_point(self) -> bool:
@@ -195,12 +197,12 @@ class Floats(Interval):
         low = _values(name, self.a)
         return Floats(low[0], low[1] if self.a == self.b else _values(name, self.b)[1])
 
-    def wave(self, name: str, *, shift: Fraction) -> Floats:
-        a, b = self.a, self.b
+    def wave(self, name: str) -> Floats:
+        a, b, shift = self.a, self.b, WAVES[name]
         if max(-a, b) > _MAX_ANGLE:
             return Floats(-1.0, 1.0)
-        first = math.ceil(a / math.pi - float(shift) - _MARGIN)
-        last = math.floor(b / math.pi - float(shift) + _MARGIN)
+        first = math.ceil(a / math.pi - shift - _MARGIN)
+        last = math.floor(b / math.pi - shift + _MARGIN)
         if last > first:
             return Floats(-1.0, 1.0)
         (low, high), (low_there, high_there) = _values(name, a), _values(name, b)

@@ -81,6 +81,8 @@ _LOCK: Final = threading.Lock()
 _EXACT: Final = {("log", 1): 0} | {(name, 0): 1 for name in ("exp", "cos", "cosh")}
 _EXACT.update({(name, 0): 0 for name in ("sin", "tan", "atan", "sinh", "tanh")})
 _LEAST: Final = {"exp": 0, "sin": -1, "cos": -1, "cosh": 1, "tanh": -1}
+# Shifts of the extrema, in multiples of pi.
+WAVES: Final = {"sin": 0.5, "cos": 0.0}
 _GREATEST: Final = {"sin": 1, "cos": 1, "tanh": 1}
 
 
@@ -315,9 +317,9 @@ class Interval(Shown):
         upper = lower if self.is_point else bounds(name, self.hi)
         return _enclose(lower[0], upper[1], name, self)
 
-    def wave(self, name: str, *, shift: Fraction) -> Interval:
+    def wave(self, name: str) -> Interval:
         """Enclose sin or cos: 1 at (k + shift) pi for even k, -1 for odd k, monotone in between."""
-        turns = _multiples_of_pi(self, shift=shift)
+        turns = _multiples_of_pi(self, shift=Fraction(WAVES[name]))
         if turns is None or turns[1] > turns[0]:
             return Interval(Fraction(-1), Fraction(1))
         ends = [bounds(name, end) for end in dict.fromkeys((self.lo, self.hi))]
@@ -359,12 +361,12 @@ def log(x: Interval) -> Interval:
 
 def sin(x: Interval) -> Interval:
     """Enclose sin."""
-    return x.wave("sin", shift=Fraction(1, 2))
+    return x.wave("sin")
 
 
 def cos(x: Interval) -> Interval:
     """Enclose cos."""
-    return x.wave("cos", shift=Fraction(0))
+    return x.wave("cos")
 
 
 def tan(x: Interval) -> Interval:

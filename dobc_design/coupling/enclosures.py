@@ -225,22 +225,22 @@ def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
 
 def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fraction) -> Fraction:
     """An upper bound of the form's values on the pieces: branch and bound, the highest piece first."""
-    attained = max(form(end).lo for _, piece in pieces for end in piece.ends())
+    attained = max(form(end).bottom for _, piece in pieces for end in piece.ends())
     count = len(pieces)
-    heap = [(-values.hi, number, piece) for number, (values, piece) in enumerate(pieces)]
+    heap = [(-values.top, number, piece) for number, (values, piece) in enumerate(pieces)]
     heapq.heapify(heap)
     narrow = max(piece.width for _, piece in pieces) * _NARROWEST
     while True:
         highest, _, piece = heap[0]
-        slack = tolerance * max(Fraction(1), abs(highest))
+        slack = float(tolerance) * max(1.0, abs(float(highest)))
         # At a kink slopes of both sides are enclosed, and no smaller piece around it will be tighter.
         if -highest - attained <= slack or count >= _MOST_PIECES or piece.width <= narrow:
-            return -highest
+            return -Fraction(highest)
         heapq.heappop(heap)
-        attained = max(attained, form(piece.middle()).lo)
+        attained = max(attained, form(piece.middle()).bottom)
         for half in piece.halves():
             count += 1
-            heapq.heappush(heap, (-min(form(half).hi, -highest), count, half))
+            heapq.heappush(heap, (-min(form(half).top, -highest), count, half))
 
 
 def _shown(number: Fraction) -> str:
@@ -272,6 +272,7 @@ class Profile:
         return all(cell.direction > 0 for cell in self.cells)
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def profile(curve: Curve, radius: Fraction) -> Profile:
     """Split [-radius, radius] into cells where the sign of h' is proved where possible.  Raises: UndefinedError."""
     whole = Interval(-radius, radius)

@@ -323,8 +323,8 @@ class GradientAlgebra:
         return Jet(-operand.value, tuple(u if u is ZERO else -u for u in operand.partials), curvature)
 
     def add(self, left: Jet, right: Jet) -> Jet:
-        known = left.curvature is not None and right.curvature is not None
-        curvature = _plus(left.curvature, right.curvature) if known else None
+        u, v = left.curvature, right.curvature
+        curvature = None if u is None or v is None else _plus(u, v)
         pairs = zip(left.partials, right.partials, strict=True)
         return Jet(left.value + right.value, tuple(_plus(u, v) for u, v in pairs), curvature)
 

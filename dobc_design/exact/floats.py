@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from functools import lru_cache
 from math import inf, nextafter
 from typing import Final
 
@@ -24,7 +23,7 @@ _MAX_ANGLE, _MARGIN = 2.0**20, 2.0**-30
 
 
 def float_bounds(number: Fraction | int) -> tuple[float, float]:
-    """Return the largest float <= number and the smallest float >= number.  Raises: UndefinedError beyond the floats."""
+    """Return the largest float <= number and the smallest float >= it.  Raises: UndefinedError beyond the floats."""
     top, bottom = number.numerator, number.denominator
     if bottom == 1 and -_WHOLE <= top <= _WHOLE:
         return float(top), float(top)
@@ -37,11 +36,6 @@ def float_bounds(number: Fraction | int) -> tuple[float, float]:
         return nearest, nearest
     below = p * bottom < top * q
     return (nearest, nextafter(nearest, inf)) if below else (nextafter(nearest, -inf), nearest)
-
-
-@lru_cache(maxsize=1 << 14)
-def _values(name: str, x: float) -> tuple[float, float]:
-    return float_values(name, x)
 
 
 def _below(x: float, y: float) -> float:
@@ -62,7 +56,7 @@ class Floats(Interval):
     """
 
     __slots__ = ("a", "b")
-    __setattr__ = object.__setattr__  # type: ignore[assignment]
+    __setattr__ = object.__setattr__
 
     def __init__(self, a: float, b: float) -> None:
         if not -LARGEST <= a <= b <= LARGEST:
@@ -91,6 +85,14 @@ class Floats(Interval):
         return end
 
     @property
+    def bottom(self) -> float:
+        return self.a
+
+    @property
+    def top(self) -> float:
+        return self.b
+
+    @property
     def is_point(self) -> bool:
         return self.a == self.b
 
@@ -112,21 +114,24 @@ class Floats(Interval):
     def __hash__(self) -> int:
         return hash((self.a, self.b))
 
-    def ends(self) -> tuple[Interval, Interval]:
+    def ends(self) -> tuple[Floats, Floats]:
         return Floats(self.a, self.a), Floats(self.b, self.b)
 
-    def middle(self) -> Interval:
+    def middle(self) -> Floats:
         return Floats((middle := (self.a + self.b) / 2), middle)
 
-    def halves(self) -> tuple[Interval, Interval]:
+    def halves(self) -> tuple[Floats, Floats]:
         middle = (self.a + self.b) / 2
         return Floats(self.a, middle), Floats(middle, self.b)
 
-    def hull(self, other: Interval) -> Interval:
+    def hull(self, other: Interval) -> Floats:
         y = Floats.around(other)
         return Floats(min(self.a, y.a), max(self.b, y.b))
 
-    def meet(self, other: Interval) -> Interval:
+    def like(self, other: Interval | Fraction) -> Floats:
+        return Floats.around(other)
+
+    def meet(self, other: Interval) -> Floats:
         y = Floats.around(other)
         return Floats(max(self.a, y.a), min(self.b, y.b))
 
@@ -194,8 +199,8 @@ class Floats(Interval):
         return Floats.around(other) / self
 
     def increasing(self, name: str) -> Floats:
-        low = _values(name, self.a)
-        return Floats(low[0], low[1] if self.a == self.b else _values(name, self.b)[1])
+        low = float_values(name, self.a)
+        return Floats(low[0], low[1] if self.a == self.b else float_values(name, self.b)[1])
 
     def wave(self, name: str) -> Floats:
         a, b, shift = self.a, self.b, WAVES[name]
@@ -205,7 +210,7 @@ class Floats(Interval):
         last = math.floor(b / math.pi - shift + _MARGIN)
         if last > first:
             return Floats(-1.0, 1.0)
-        (low, high), (low_there, high_there) = _values(name, a), _values(name, b)
+        (low, high), (low_there, high_there) = float_values(name, a), float_values(name, b)
         turns = None if last < first else first % 2
         return Floats(-1.0 if turns == 1 else min(low, low_there), 1.0 if turns == 0 else max(high, high_there))
 

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 from dobc_design._show.cards import Card, Shown
@@ -101,9 +102,10 @@ def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
     return max(lower, Fraction(_LEAST.get(name, lower))), min(upper, Fraction(_GREATEST.get(name, upper)))
 
 
+@lru_cache(maxsize=1 << 14)
 def float_values(name: str, x: float) -> tuple[float, float]:
-    """Return floats below and above what ``bounds`` encloses at x.  Raises: UndefinedError without a finite enclosure."""
-    known = _EXACT.get((name, x))  # equal numbers have equal hashes
+    """Return floats below and above the value that ``bounds`` encloses at x; infinite where there is no enclosure."""
+    known = _EXACT.get((name, int(x))) if x in (0, 1) else None
     if known is not None:
         return known, known
     from flint import arb, ctx
@@ -210,6 +212,16 @@ class Interval(Shown):
         return self.lo.numerator < 0 < self.hi.numerator
 
     @property
+    def bottom(self) -> Fraction | float:
+        """The lower end as it is kept, to be compared."""
+        return self.lo
+
+    @property
+    def top(self) -> Fraction | float:
+        """The upper end as it is kept."""
+        return self.hi
+
+    @property
     def sign(self) -> int:
         """1 if no number in the interval is < 0, -1 if none is > 0, else 0."""
         return 1 if self.lo.numerator >= 0 else -1 if self.hi.numerator <= 0 else 0
@@ -235,6 +247,10 @@ class Interval(Shown):
     def hull(self, other: Interval) -> Interval:
         """Return the smallest interval that contains both."""
         return Interval(min(self.lo, other.lo), max(self.hi, other.hi))
+
+    def like(self, other: Interval | Fraction) -> Interval:
+        """Return an interval around the other one with ends of the kind that this one has."""
+        return _interval(other)
 
     def meet(self, other: Interval) -> Interval:
         """Return the common part of two enclosures of the same thing."""

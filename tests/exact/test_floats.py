@@ -97,7 +97,10 @@ def test_hulls_common_parts_halves_and_conversions_lose_nothing(x: Floats, y: Fl
 @given(a=st.floats(-3, 3), b=st.floats(-3, 3))
 def test_couplings_and_their_gains_and_slopes_are_enclosed(h: str, a: float, b: float) -> None:
     curve, Y = Curve(parse_expression(h)), Floats(min(a, b), max(a, b))
-    found = (value(curve, Y), slope_form(curve, Y), secant(curve, Y).value, jet(curve, Y).slope)
+    try:
+        found = (value(curve, Y), slope_form(curve, Y), secant(curve, Y).value, jet(curve, Y).slope)
+    except UndefinedError:  # quotients of numbers next to 0
+        return
     for y in (Interval.point(Y.lo), Interval.point(Y.midpoint), Interval.point(Y.hi)):
         points = (value(curve, y), slope_form(curve, y), secant(curve, y).value, jet(curve, y).slope)
         assert all(each.lo <= point.hi and point.lo <= each.hi for each, point in zip(found, points, strict=True))

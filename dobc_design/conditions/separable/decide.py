@@ -251,7 +251,8 @@ def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fract
 
 def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction) -> Fraction:
     """A rate alpha for which the row holds, about the part TOLERANCE below the largest; or one above ``enough``."""
-    whole, unsure = Interval(_ZERO, rho), row.gain / 10**12
+    whole = Interval(_ZERO, rho)
+    unsure = (row.gain + sum(term.weight * term.reach for term in row.terms) / row.own) / 10**12
     try:
         rate = _rate_on(Floats.around(whole), row, face, profiles, enough=enough)
         if rate >= enough or rounded_down(rate) == rounded_down(rate + unsure):

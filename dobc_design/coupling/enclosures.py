@@ -15,7 +15,7 @@ from itertools import groupby, pairwise
 from typing import Final
 
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.tree import ZERO, GradientAlgebra, IntervalAlgebra, Jet, program, run
+from dobc_design.coupling.tree import ONE, ZERO, GradientAlgebra, IntervalAlgebra, Jet, program, run
 from dobc_design.exact.interval import Interval, UndefinedError
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is above 1).
@@ -34,6 +34,7 @@ _MOST_CELLS: Final = 20_000
 _VALUES: Final = IntervalAlgebra()
 _JETS: Final = GradientAlgebra(1, second=True)
 _RESTRICTED: Final = GradientAlgebra(1, second=True, restricted=True)
+_UNIT: Final = (ONE,)
 
 Form = Callable[[Interval], Interval]
 
@@ -83,7 +84,7 @@ def value(curve: Curve, Y: Interval) -> Interval:
 def jet(curve: Curve, Y: Interval, *, restricted: bool = False) -> Jet:
     """Enclose h, h' and h'' on Y by one evaluation; ``restricted`` as in GradientAlgebra."""
     steps = curve.programs.restricted if restricted and not Y.is_point else curve.programs.jets
-    return run(steps, _JETS.variables((Y,)))
+    return run(steps, (Jet(Y, _UNIT, ZERO),))
 
 
 @lru_cache(maxsize=_REMEMBERED)
@@ -93,16 +94,15 @@ def secant(curve: Curve, Y: Interval) -> Secant:
     g' = (h' - g)/y away from 0, and g'(y) = int_0^1 s h''(s y) ds lies in half the hull of h'' between 0 and y.
     Raises: UndefinedError where h has no value on Y, or no bounded slope on a Y that contains 0.
     """
-    if Y.is_point:
-        return Secant(_secant_at(curve, Y.lo), None)
+    if Y.is_narrow:
+        return Secant(_secant_at(curve, Y), None)
     known, slope = _from_zero(curve, Y) if Y.contains(0) else _from_both(curve, Y)
     if slope is None:
         return Secant(known, None)
-    if slope.lo >= 0 or slope.hi <= 0:
-        ends = _secant_at(curve, Y.lo).hull(_secant_at(curve, Y.hi))
-        return Secant(_meet(known, ends), slope)
-    middle = Y.midpoint
-    return Secant(_meet(known, _secant_at(curve, middle) + slope * (Y - middle)), slope)
+    if slope.sign:
+        return Secant(known.meet(_at_ends(_secant_at, curve, Y)), slope)
+    middle = Y.middle()
+    return Secant(known.meet(_secant_at(curve, middle) + slope * (Y - middle)), slope)
 
 
 def _from_zero(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
@@ -116,17 +116,18 @@ def _from_both(curve: Curve, Y: Interval) -> tuple[Interval, Interval | None]:
     known, slope = value(curve, Y) / Y, None
     try:
         mean, slope = _from_zero(curve, Y.hull(ZERO))
-        known = _meet(mean, known)
+        known = mean.meet(known)
     except UndefinedError:  # the bounds from Y itself remain
         pass
     try:
         own = jet(curve, Y, restricted=True).slope
     except UndefinedError:
         return known, slope
-    rough = _meet(slope, (own - known) / Y)
-    if rough.lo >= 0 or rough.hi <= 0:  # the ends are tighter bounds of g, and with them of g'
-        known = _meet(known, _secant_at(curve, Y.lo).hull(_secant_at(curve, Y.hi)))
-        rough = _meet(rough, (own - known) / Y)
+    rough = (own - known) / Y
+    rough = rough if slope is None else slope.meet(rough)
+    if rough.sign:  # the ends are tighter bounds of g, and with them of g'
+        known = known.meet(_at_ends(_secant_at, curve, Y))
+        rough = rough.meet((own - known) / Y)
     return known, rough
 
 
@@ -152,10 +153,10 @@ def value_form(curve: Curve, Y: Interval) -> Interval:
         slope = jet(curve, Y, restricted=True).slope
     except UndefinedError:  # h may be defined where h' is not bounded, as sqrt is at 0
         return natural
-    if slope.lo >= 0 or slope.hi <= 0:
-        return _meet(natural, value(curve, Interval.point(Y.lo)).hull(value(curve, Interval.point(Y.hi))))
-    middle = Interval.point(Y.midpoint)
-    return _meet(natural, value(curve, middle) + slope * (Y - middle))
+    if slope.sign:
+        return natural.meet(_at_ends(value, curve, Y))
+    middle = Y.middle()
+    return natural.meet(value(curve, middle) + slope * (Y - middle))
 
 
 @lru_cache(maxsize=_REMEMBERED)
@@ -164,22 +165,21 @@ def slope_form(curve: Curve, Y: Interval) -> Interval:
     found = jet(curve, Y)
     if Y.is_point or found.curvature is None:
         return found.slope
-    if found.curvature.lo >= 0 or found.curvature.hi <= 0:
-        ends = (jet(curve, Interval.point(y)).slope for y in (Y.lo, Y.hi))
-        return _meet(found.slope, next(ends).hull(next(ends)))
-    middle = Interval.point(Y.midpoint)
-    return _meet(found.slope, jet(curve, middle).slope + found.curvature * (Y - middle))
+    if found.curvature.sign:
+        return found.slope.meet(_at_ends(slope_form, curve, Y))
+    middle = Y.middle()
+    return found.slope.meet(slope_form(curve, middle) + found.curvature * (Y - middle))
 
 
-def _secant_at(curve: Curve, y: Fraction) -> Interval:
-    if not y:
-        return jet(curve, ZERO).slope
-    return value(curve, Interval.point(y)) / y
+def _secant_at(curve: Curve, y: Interval) -> Interval:
+    """g at a point, or on what rounding makes of one."""
+    return jet(curve, y).slope if y.is_zero else value(curve, y) / y
 
 
-def _meet(known: Interval | None, other: Interval) -> Interval:
-    """The common part of two enclosures of the same thing."""
-    return other if known is None else Interval(max(known.lo, other.lo), min(known.hi, other.hi))
+def _at_ends(form: Callable[[Curve, Interval], Interval], curve: Curve, Y: Interval) -> Interval:
+    """The hull of what a form encloses at both ends."""
+    low, high = Y.ends()
+    return form(curve, low).hull(form(curve, high))
 
 
 def tight_range(
@@ -225,22 +225,22 @@ def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
 
 def _supremum(form: Form, pieces: list[tuple[Interval, Interval]], tolerance: Fraction) -> Fraction:
     """An upper bound of the form's values on the pieces: branch and bound, the highest piece first."""
-    attained = max(form(Interval.point(y)).lo for _, piece in pieces for y in (piece.lo, piece.hi))
+    attained = max(form(end).bottom for _, piece in pieces for end in piece.ends())
     count = len(pieces)
-    heap = [(-values.hi, number, piece) for number, (values, piece) in enumerate(pieces)]
+    heap = [(-values.top, number, piece) for number, (values, piece) in enumerate(pieces)]
     heapq.heapify(heap)
     narrow = max(piece.width for _, piece in pieces) * _NARROWEST
     while True:
         highest, _, piece = heap[0]
-        slack = tolerance * max(Fraction(1), abs(highest))
+        slack = float(tolerance) * max(1.0, abs(float(highest)))
         # At a kink slopes of both sides are enclosed, and no smaller piece around it will be tighter.
         if -highest - attained <= slack or count >= _MOST_PIECES or piece.width <= narrow:
-            return -highest
+            return -Fraction(highest)
         heapq.heappop(heap)
-        attained = max(attained, form(Interval.point(piece.midpoint)).lo)
+        attained = max(attained, form(piece.middle()).bottom)
         for half in piece.halves():
             count += 1
-            heapq.heappush(heap, (-min(form(half).hi, -highest), count, half))
+            heapq.heappush(heap, (-min(form(half).top, -highest), count, half))
 
 
 def _shown(number: Fraction) -> str:
@@ -272,6 +272,7 @@ class Profile:
         return all(cell.direction > 0 for cell in self.cells)
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def profile(curve: Curve, radius: Fraction) -> Profile:
     """Split [-radius, radius] into cells where the sign of h' is proved where possible.  Raises: UndefinedError."""
     whole = Interval(-radius, radius)
@@ -295,7 +296,7 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
         last = place.width <= narrow or count > _MOST_CELLS
         try:
             slope = jet(curve, place, restricted=True).slope
-            direction = 1 if slope.lo >= 0 else -1 if slope.hi <= 0 else 0
+            direction = slope.sign
         except UndefinedError:
             if last:
                 raise

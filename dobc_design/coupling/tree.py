@@ -11,7 +11,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import ClassVar, Final, Protocol, TypeVar
+from typing import ClassVar, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -273,8 +273,7 @@ class IntervalAlgebra(Operators):
         return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].interval(*operands))
 
 
-@dataclass(frozen=True, slots=True)
-class Jet:
+class Jet(NamedTuple):
     """Enclosures of a value and its partial derivatives (Clarke's at a kink) on a box, in one variable also of h''.
 
     ``curvature`` is None where it is not asked for, or where there may be a kink and h'' is not defined everywhere.
@@ -324,7 +323,8 @@ class GradientAlgebra:
         return Jet(-operand.value, tuple(u if u is ZERO else -u for u in operand.partials), curvature)
 
     def add(self, left: Jet, right: Jet) -> Jet:
-        curvature = None if left.curvature is None or right.curvature is None else left.curvature + right.curvature
+        u, v = left.curvature, right.curvature
+        curvature = None if u is None or v is None else _plus(u, v)
         pairs = zip(left.partials, right.partials, strict=True)
         return Jet(left.value + right.value, tuple(_plus(u, v) for u, v in pairs), curvature)
 
@@ -334,8 +334,8 @@ class GradientAlgebra:
     def multiply(self, left: Jet, right: Jet) -> Jet:
         curvature = None
         if left.curvature is not None and right.curvature is not None:
-            twice = left.slope * right.slope * 2
-            curvature = _times(left.curvature, right.value) + twice + _times(right.curvature, left.value)
+            twice = ZERO if left.slope is ZERO or right.slope is ZERO else _times(left.slope, right.slope) * 2
+            curvature = _plus(_plus(_times(left.curvature, right.value), twice), _times(right.curvature, left.value))
         partials = tuple(
             _plus(_times(u, right.value), _times(v, left.value))
             for u, v in zip(left.partials, right.partials, strict=True)
@@ -386,13 +386,15 @@ class GradientAlgebra:
         self, inner: Jet, value: Interval, outer: Callable[[], Interval], curved: Callable[[Interval], Interval]
     ) -> Jet:
         # A constant has slope 0 even where the function has none, as in sqrt(0)*y.
-        if all(u == ZERO for u in inner.partials) and (not self.second or inner.curvature == ZERO):
+        flat = not self.second or (inner.curvature is not None and inner.curvature.is_zero)
+        if flat and all(u.is_zero for u in inner.partials):
             return self._still(value)
         first = outer()
         partials = tuple(_times(u, first) for u in inner.partials)
         if inner.curvature is None:
             return Jet(value, partials, None)
-        return Jet(value, partials, curved(first) * inner.slope**2 + _times(inner.curvature, first))
+        square = ONE if inner.slope is ONE else inner.slope**2
+        return Jet(value, partials, _plus(_times(square, curved(first)), _times(inner.curvature, first)))
 
     def _extreme(self, name: str, left: Jet, right: Jet) -> Jet:
         below, above = (left, right) if name == "min" else (right, left)
@@ -419,4 +421,6 @@ def _plus(u: Interval, v: Interval) -> Interval:
 
 
 def _times(derivative: Interval, factor: Interval) -> Interval:
-    return ZERO if derivative is ZERO else derivative * factor
+    if derivative is ZERO:
+        return ZERO
+    return factor if derivative is ONE else derivative * factor

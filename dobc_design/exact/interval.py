@@ -11,6 +11,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 from dobc_design._show.cards import Card, Shown
@@ -81,6 +82,8 @@ _LOCK: Final = threading.Lock()
 _EXACT: Final = {("log", 1): 0} | {(name, 0): 1 for name in ("exp", "cos", "cosh")}
 _EXACT.update({(name, 0): 0 for name in ("sin", "tan", "atan", "sinh", "tanh")})
 _LEAST: Final = {"exp": 0, "sin": -1, "cos": -1, "cosh": 1, "tanh": -1}
+# Shifts of the extrema, in multiples of pi.
+WAVES: Final = {"sin": 0.5, "cos": 0.0}
 _GREATEST: Final = {"sin": 1, "cos": 1, "tanh": 1}
 
 
@@ -97,6 +100,21 @@ def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
     with _LOCK, ctx.workprec(BITS + _GUARD + min(height(x), _MAX_HEIGHT)):
         lower, upper = _ends(getattr(arb(to_fmpq(x)), name)())
     return max(lower, Fraction(_LEAST.get(name, lower))), min(upper, Fraction(_GREATEST.get(name, upper)))
+
+
+@lru_cache(maxsize=1 << 14)
+def float_values(name: str, x: float) -> tuple[float, float]:
+    """Return floats below and above the value that ``bounds`` encloses at x; infinite where there is no enclosure."""
+    known = _EXACT.get((name, int(x))) if x in (0, 1) else None
+    if known is not None:
+        return known, known
+    from flint import arb, ctx
+
+    with _LOCK, ctx.workprec(64):
+        ball = getattr(arb(x), name)()
+        low, high = float(ball.lower()), float(ball.upper())
+    low, high = math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
+    return max(low, _LEAST.get(name, low)), min(high, _GREATEST.get(name, high))
 
 
 def pi_bounds(bits: int) -> tuple[Fraction, Fraction]:
@@ -161,12 +179,18 @@ class Interval(Shown):
     @classmethod
     def point(cls, value: Fraction | int) -> Interval:
         """Return the interval that holds this number only."""
-        return cls(Fraction(value), Fraction(value))
+        number = Fraction(value)
+        return Interval(number, number)
 
     @property
     def is_point(self) -> bool:
         """Whether the interval holds one number only."""
         return self.lo == self.hi
+
+    @property
+    def is_narrow(self) -> bool:
+        """Whether it is a point, up to rounding."""
+        return self.is_point
 
     @property
     def width(self) -> Fraction:
@@ -187,6 +211,34 @@ class Interval(Shown):
     def _mixed(self) -> bool:
         return self.lo.numerator < 0 < self.hi.numerator
 
+    @property
+    def bottom(self) -> Fraction | float:
+        """The lower end as it is kept, to be compared."""
+        return self.lo
+
+    @property
+    def top(self) -> Fraction | float:
+        """The upper end as it is kept."""
+        return self.hi
+
+    @property
+    def sign(self) -> int:
+        """1 if no number in the interval is < 0, -1 if none is > 0, else 0."""
+        return 1 if self.lo.numerator >= 0 else -1 if self.hi.numerator <= 0 else 0
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the interval holds 0 only."""
+        return not self.lo and not self.hi
+
+    def ends(self) -> tuple[Interval, Interval]:
+        """Return the points lo and hi."""
+        return Interval(self.lo, self.lo), Interval(self.hi, self.hi)
+
+    def middle(self) -> Interval:
+        """Return the midpoint as an interval."""
+        return Interval.point(self.midpoint)
+
     def contains(self, value: Fraction | int | Interval) -> bool:
         """Return whether a number, or every number of an interval, lies in this one."""
         other = _interval(value)
@@ -195,6 +247,14 @@ class Interval(Shown):
     def hull(self, other: Interval) -> Interval:
         """Return the smallest interval that contains both."""
         return Interval(min(self.lo, other.lo), max(self.hi, other.hi))
+
+    def like(self, other: Interval | Fraction) -> Interval:
+        """Return an interval around the other one with ends of the kind that this one has."""
+        return _interval(other)
+
+    def meet(self, other: Interval) -> Interval:
+        """Return the common part of two enclosures of the same thing."""
+        return Interval(max(self.lo, other.lo), min(self.hi, other.hi))
 
     def halves(self) -> tuple[Interval, Interval]:
         """Return the lower and the upper half; they share the midpoint."""
@@ -221,7 +281,9 @@ class Interval(Shown):
         return self
 
     def __abs__(self) -> Interval:
-        return absolute(self)
+        if self.lo >= 0:
+            return self
+        return -self if self.hi <= 0 else Interval(Fraction(0), self.magnitude)
 
     def __add__(self, other: Interval | Fraction | int) -> Interval:
         y = _interval(other)
@@ -265,6 +327,27 @@ class Interval(Shown):
             return Interval(Fraction(0), max(low.hi, high.hi))
         return low.hull(high)
 
+    def increasing(self, name: str) -> Interval:
+        """Enclose an increasing function, by the name that python-flint has for it."""
+        lower = bounds(name, self.lo)
+        upper = lower if self.is_point else bounds(name, self.hi)
+        return _enclose(lower[0], upper[1], name, self)
+
+    def wave(self, name: str) -> Interval:
+        """Enclose sin or cos: 1 at (k + shift) pi for even k, -1 for odd k, monotone in between."""
+        turns = _multiples_of_pi(self, shift=Fraction(WAVES[name]))
+        if turns is None or turns[1] > turns[0]:
+            return Interval(Fraction(-1), Fraction(1))
+        ends = [bounds(name, end) for end in dict.fromkeys((self.lo, self.hi))]
+        lo, hi = min(end[0] for end in ends), max(end[1] for end in ends)
+        if turns[0] == turns[1]:
+            lo, hi = (lo, Fraction(1)) if turns[0] % 2 == 0 else (Fraction(-1), hi)
+        return _enclose(lo, hi, name, self)
+
+    def root(self) -> Interval:
+        """Enclose the square root of numbers >= 0."""
+        return _enclose(sqrt_bounds(self.lo)[0], sqrt_bounds(self.hi)[1], "sqrt", self)
+
     __radd__ = __add__
     __rmul__ = __mul__
 
@@ -294,12 +377,12 @@ def log(x: Interval) -> Interval:
 
 def sin(x: Interval) -> Interval:
     """Enclose sin."""
-    return _wave("sin", x, shift=Fraction(1, 2))
+    return x.wave("sin")
 
 
 def cos(x: Interval) -> Interval:
     """Enclose cos."""
-    return _wave("cos", x, shift=Fraction(0))
+    return x.wave("cos")
 
 
 def tan(x: Interval) -> Interval:
@@ -312,9 +395,7 @@ def tan(x: Interval) -> Interval:
 
 def increasing(name: str, x: Interval) -> Interval:
     """Enclose an increasing function, by the name that python-flint has for it."""
-    lower = bounds(name, x.lo)
-    upper = lower if x.is_point else bounds(name, x.hi)
-    return _enclose(lower[0], upper[1], name, x)
+    return x.increasing(name)
 
 
 def tanh(x: Interval) -> Interval:
@@ -341,14 +422,12 @@ def sqrt(x: Interval) -> Interval:
     """Enclose the square root, exact for squares of rationals. Raises: UndefinedError unless x >= 0."""
     if x.lo < 0:
         raise UndefinedError(f"sqrt is not defined on the whole of {x}.")
-    return _enclose(sqrt_bounds(x.lo)[0], sqrt_bounds(x.hi)[1], "sqrt", x)
+    return x.root()
 
 
 def absolute(x: Interval) -> Interval:
     """Enclose |x|; exact."""
-    if x.lo >= 0:
-        return x
-    return -x if x.hi <= 0 else Interval(Fraction(0), x.magnitude)
+    return abs(x)
 
 
 def minimum(x: Interval, y: Interval) -> Interval:
@@ -407,18 +486,6 @@ def _growing(name: str, x: Interval) -> Interval:
     if x.lo >= _MIN_EXP:
         return increasing(name, x)
     return Interval(Fraction(0), increasing(name, Interval.point(max(x.hi, Fraction(_MIN_EXP)))).hi)
-
-
-def _wave(name: str, x: Interval, *, shift: Fraction) -> Interval:
-    """Enclose sin or cos: 1 at (k + shift) pi for even k, -1 for odd k, monotone in between."""
-    turns = _multiples_of_pi(x, shift=shift)
-    if turns is None or turns[1] > turns[0]:
-        return Interval(Fraction(-1), Fraction(1))
-    ends = [bounds(name, end) for end in dict.fromkeys((x.lo, x.hi))]
-    lo, hi = min(end[0] for end in ends), max(end[1] for end in ends)
-    if turns[0] == turns[1]:
-        lo, hi = (lo, Fraction(1)) if turns[0] % 2 == 0 else (Fraction(-1), hi)
-    return _enclose(lo, hi, name, x)
 
 
 def _multiples_of_pi(x: Interval, *, shift: Fraction) -> tuple[int, int] | None:

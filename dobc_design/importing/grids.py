@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import named, shown, shown_number
+from dobc_design.exact.reading import named, shown
 from dobc_design.problem.exosystems import constant
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -68,31 +68,44 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
                 raise SpecError(what, key=branch.place, cure="Add the bus, or take the branch out of service.")
         if a == b:
             raise SpecError(f"{branch.place} leads from bus {named(a)} to itself.", key=branch.place)
-        if branch.reactance <= 0:
-            raise SpecError(
-                f"{branch.place} (bus {named(a)} to {named(b)}) must have a reactance > 0;"
-                f" got {shown_number(branch.reactance)}.",
-                key=branch.place,
-                cure="Take it out of service, or merge the star point of its transformer.",
-            )
-        ends = (a, b) if (b, a) not in weights else (b, a)
-        weights[ends] = weights.get(ends, Fraction(0)) + 1 / branch.reactance
+    becomes = merged(grid.buses, [branch.ends for branch in grid.branches if not branch.reactance])
+    for branch in grid.branches:
+        a, b = (becomes[end] for end in branch.ends)
+        if a != b:
+            ends = (a, b) if (b, a) not in weights else (b, a)
+            weights[ends] = weights.get(ends, Fraction(0)) + 1 / branch.reactance
+    weights = {ends: w for ends, w in weights.items() if w}
     if not weights:
         raise SpecError(f"{grid.source} has no branch in service.", key="branch", cure="A grid needs lines.")
-    arcs = [arc for (a, b), w in weights.items() for arc in ([a, b, w], [b, a, w])]
-    generators = tuple(dict.fromkeys(bus for bus in grid.generators if bus in known))
-    shown = ", ".join(generators[:SHOWN]) + (f" and {len(generators) - SHOWN} more" if len(generators) > SHOWN else "")
+    arcs = [arc for (a, b), w in weights.items() for arc in ([a, b, abs(w)], [b, a, abs(w)])]
+    buses = list(dict.fromkeys(becomes.values()))
+    repelling = [ends for ends, w in weights.items() if w < 0]
+    place = {bus: i for i, bus in enumerate(buses)}
+    pairs = [(place[a], place[b]) for a, b in repelling]
+    notes = list(NOTES)
+    if len(buses) < len(grid.buses):
+        joined = _listed([f"{a} into {b}" for a, b in becomes.items() if a != b])
+        notes.append(f"Buses joined by branches of reactance 0 are one agent: {joined}.")
+    if repelling:
+        between = _listed([f"{a} and {b}" for a, b in repelling])
+        notes.append(f"The reactance between buses {between} is negative: these push each other apart, h = -sin(y).")
+    generators = tuple(dict.fromkeys(becomes[bus] for bus in grid.generators if bus in known))
     facts = {"source": grid.source, "buses": len(grid.buses), "branches": len(grid.branches), "gain": gain}
-    at = f"bus {shown}" if generators else "no bus"
+    at = f"bus {_listed(generators)}" if generators else "no bus"
     return Problem(
         name=name,
-        network=Network.from_arcs({"grid": arcs}, arrow="listens_to", agents=list(grid.buses)),
+        network=Network.from_arcs({"grid": arcs}, arrow="listens_to", agents=buses),
         coupling="sin(y)",
+        exceptions=dict.fromkeys(pairs + [pair[::-1] for pair in pairs], "-sin(y)"),
         target=0,
         gains=dict.fromkeys(generators, gain),
         exosystem=constant(),
-        notes=[note.format(**facts, generators=at) for note in NOTES],
+        notes=[note.format(**facts, generators=at) for note in notes],
     )
+
+
+def _listed(items: Sequence[str]) -> str:
+    return ", ".join(items[:SHOWN]) + (f" and {len(items) - SHOWN} more" if len(items) > SHOWN else "")
 
 
 def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str, str]:

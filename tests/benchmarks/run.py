@@ -33,11 +33,16 @@ from simulation import simulation_bars, simulation_growth
 
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.claim import reduced, state_theorems
+from dobc_design.coupling import enclosures
+from dobc_design.coupling.tree import Jet, run
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.definite import decide_quickly
+from dobc_design.exact.floats import Floats
+from dobc_design.exact.interval import Interval, float_values
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.exact.zmatrix import search
 from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_dense, solve_directly
@@ -101,6 +106,8 @@ def bars() -> Iterator[Bar]:
     yield against_elimination(f"{paths} shifted Cholesky (Rump), n = 100 dense", gram(100), by_shift, bar=50)
     yield against_elimination(f"{paths} factor with integer rest, n = 200 dense", gram(200), by_integer_rest, bar=100)
     yield against_elimination(f"{paths} vector v > 0, n = 1000 ring, 200 chords", ring(1000), by_vector, bar=100)
+    for name in ("karate-club", "microgrid-ieee14"):
+        yield interval_bar(name)
     yield help_bar("dobc --help vs python -c 'import numpy'")
     for row in (*pinning_bars(), *simulation_bars()):
         yield Bar(**row)
@@ -179,6 +186,40 @@ def ring(n: int, *, chord: int = 5) -> SparseSymmetric:
             entries[i, i] += 2
             entries[j, j] += 2
     return SparseSymmetric(n, entries)
+
+
+def interval_bar(name: str) -> Bar:
+    """The coupling on all intervals of floats that `certify` evaluates it on: in floats, and in rationals as before."""
+    calls: list[tuple[Any, Floats]] = []
+
+    def noted(steps: Any, variables: Any) -> Any:
+        Y = getattr(variables[0], "value", variables[0])
+        if isinstance(Y, Floats):
+            calls.append((steps, variables[0]))
+        return run(steps, variables)
+
+    enclosures.run = noted
+    certify(load_problem(name))
+    enclosures.run = run
+
+    def again(brought: Callable[[Any], Any]) -> float:
+        given = [(steps, (brought(x),)) for steps, x in calls]
+        float_values.cache_clear()
+        start = time.process_time()
+        for steps, variables in given:
+            run(steps, variables)
+        return time.process_time() - start
+
+    def exact(x: Any) -> Any:
+        return x._replace(value=exact(x.value)) if isinstance(x, Jet) else Interval(x.lo, x.hi)
+
+    # In turns, so that a busy machine slows down both.
+    slow, fast = (
+        statistics.median(column)
+        for column in zip(*((again(exact), again(lambda x: x)) for _ in range(3)), strict=True)
+    )
+    note = f"{len(calls)} evaluations: {slow:.3g} s / {fast:.3g} s"
+    return Bar(what=f"interval arithmetic of certify {name}, Fractions vs floats", bar=10, ratio=slow / fast, note=note)
 
 
 def help_bar(what: str) -> Bar:

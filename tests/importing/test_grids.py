@@ -65,7 +65,6 @@ def test_a_matpower_case_becomes_angles_with_exact_susceptances(tmp_path):
     [
         ("mpc.branch = [", "mpc.lines = [", "must hold the table mpc.branch"),
         ("4e-1", "1/3+0.1", r"mpc.branch\(3,4\) must be a number"),
-        ("4e-1", "-0.4", "must have a reactance > 0; got -2/5"),
         ("20, 30", "20, 31", "names bus 31, which is not there"),
         ("20, 30", "20, 20", "from bus 20 to itself"),
         ("\t40\t4\t0\t0;", "\t40\t;\n", "at least 2 columns; row 4 has 1"),
@@ -78,6 +77,18 @@ def test_a_wrong_table_is_named(old: str, new: str, match: str, tmp_path):
     assert text != CASE
     with pytest.raises(SpecError, match=match):
         imported(tmp_path, text)
+
+
+def test_a_negative_reactance_repels_and_one_of_0_joins_its_buses(tmp_path):
+    """1/(-0.4) between buses 20 and 30: w = 5/2 with h = -sin(y), the same slope at 0."""
+    problem = imported(tmp_path, CASE.replace("4e-1", "-0.4"))
+    assert problem.network.modes["grid"] == imported(tmp_path, CASE).network.modes["grid"]
+    assert {arc: h.texts for arc, h in problem.exceptions.items()} == dict.fromkeys([(1, 2), (2, 1)], ("-sin(y)",))
+    assert "between buses 20 and 30 is negative" in problem.notes[-1]
+    joined = imported(tmp_path, CASE.replace("4e-1", "0"))
+    assert joined.network.labels == ("10", "20") and joined.pinning.agents == (0, 1)
+    assert sorted(joined.network.modes["grid"]) == [(0, 1, 40), (1, 0, 40)]
+    assert "30 into 20" in joined.notes[-1]
 
 
 def test_nothing_in_a_case_file_is_executed(tmp_path):

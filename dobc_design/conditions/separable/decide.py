@@ -22,9 +22,11 @@ from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import FACES, ErrorBound, Place, Row, Separable, Term
 from dobc_design.conditions.separable.large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
 from dobc_design.coupling.enclosures import Cell, Curve, Profile, jet, profile, secant
+from dobc_design.coupling.tree import ZERO
 from dobc_design.errors import SpecError
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
+from dobc_design.exact.floats import Floats, float_bounds
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
@@ -208,28 +210,62 @@ def _decide(question: _Question, claim: Separable, row: Row, place: Place, face:
 def decide_row(
     row: Row, face: int, profiles: Sequence[Profile], *, alpha: Fraction, rho: Fraction
 ) -> tuple[Verdict, Fraction | None]:
-    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s."""
-    limit = (row.gain - alpha) * row.own
-    waiting, count = [Interval(_ZERO, rho)], 0
+    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove what they can."""
+    limit, whole = (row.gain - alpha) * row.own, Interval(_ZERO, rho)
+    if _by_floats(row, face, profiles, limit=limit, whole=whole):
+        return Verdict.PROVED, None
+    sides = _sides(row, face, profiles, whole)
+    waiting, count = [whole], 0
     while waiting:
         S = waiting.pop()
         count += 1
-        if upper_bound(row, face, profiles, S) <= limit:
+        if upper_bound(sides, S).hi <= limit:
             continue
-        for s in (S.hi, S.midpoint):
-            if lower_bound(row, face, profiles, s) > limit:
-                return Verdict.REFUTED, s
+        for s in (S.ends()[1], S.middle()):
+            if lower_bound(sides, s) > limit:
+                return Verdict.REFUTED, s.lo
         if count >= MOST_PIECES:
             return Verdict.UNDECIDED, S.midpoint
         waiting += S.halves()
     return Verdict.PROVED, None
 
 
+def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fraction, whole: Interval) -> bool:
+    """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones are left to decide."""
+    try:
+        waiting, count = [Floats.around(whole)], 0
+        most, near = float_bounds(limit)[0], float(limit - abs(limit) / 10**9)
+        sides = _sides(row, face, profiles, waiting[0])
+        while waiting:
+            S = waiting.pop()
+            if upper_bound(sides, S).top <= most:
+                continue
+            count += 1
+            if count >= MOST_PIECES or upper_bound(sides, S.middle()).top > near:
+                return False
+            waiting += S.halves()
+    except UndefinedError:
+        return False
+    return True
+
+
 def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction) -> Fraction:
     """A rate alpha for which the row holds, about the part TOLERANCE below the largest; or one above ``enough``."""
-    S, count = Interval(_ZERO, rho), 0
-    heap = [(-upper_bound(row, face, profiles, S), 0, S)]
-    attained = lower_bound(row, face, profiles, rho)
+    whole = Interval(_ZERO, rho)
+    unsure = (row.gain + sum(term.weight * term.reach for term in row.terms) / row.own) / 10**12
+    try:
+        rate = _rate_on(Floats.around(whole), row, face, profiles, enough=enough)
+        if rate >= enough or rounded_down(rate) == rounded_down(rate + unsure):
+            return rate
+    except UndefinedError:  # beyond the floats, or nearer to a number of nine digits than they can tell
+        pass
+    return _rate_on(whole, row, face, profiles, enough=enough)
+
+
+def _rate_on(S: Interval, row: Row, face: int, profiles: Sequence[Profile], *, enough: Fraction) -> Fraction:
+    sides = _sides(row, face, profiles, S)
+    count, heap = 0, [(-upper_bound(sides, S).hi, 0, S)]
+    attained = lower_bound(sides, S.ends()[1])
     while True:
         top, _, S = heap[0]
         rate = row.gain + top / row.own
@@ -237,100 +273,133 @@ def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction
         if rate >= enough or -top - attained <= slack or count >= MOST_PIECES:
             return rate
         heapq.heappop(heap)
-        attained = max(attained, lower_bound(row, face, profiles, S.midpoint))
+        attained = max(attained, lower_bound(sides, S.middle()))
         for half in S.halves():
             count += 1
-            heapq.heappush(heap, (-min(upper_bound(row, face, profiles, half), -top), count, half))
+            heapq.heappush(heap, (-min(upper_bound(sides, half).hi, -top), count, half))
 
 
 def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
     """An upper bound of sum w phi for linear couplings, where phi does not depend on s; exact if slopes are."""
     total = _ZERO
     for term in row.terms:
-        slope = jet(profiles[term.coupling].curve, Interval.point(0)).slope
+        slope = jet(profiles[term.coupling].curve, ZERO).slope
         total += term.weight * max((slope * term.step).hi, (slope * -term.reach).hi)
     return total
 
 
-def upper_bound(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -> Fraction:
-    """A bound that sum w phi(s) does not exceed for s in S, s > 0."""
-    rising: list[Term] = []
-    others = _ZERO
-    for term in row.terms:
-        if _rises(profiles[term.coupling], face, term, S):
-            rising.append(term)
-        else:
-            others += term.weight * _largest(profiles[term.coupling], face, term, S)
-    total, change = Interval.point(0), Interval.point(0)
-    smooth = not S.is_point
-    for term in rising:
-        if not term.step:
-            continue
-        found = secant(profiles[term.coupling].curve, S * (face * term.step))
-        total += found.value * (term.weight * term.step)
-        if smooth and found.slope is not None:
-            change += found.slope * (face * term.weight * term.step**2)
-        else:
-            smooth = False
-    bound = total.hi
-    if smooth:
-        at = S.hi if change.lo >= 0 else S.lo if change.hi <= 0 else S.midpoint
-        bound = min(bound, (_at(rising, face, profiles, at) + change * (S - at)).hi)
-    return bound + others
+@dataclass(frozen=True, slots=True)
+class _End:
+    """An end y = s t of the interval of a term: t, on the face that it is mirrored to, and the weight times t."""
+
+    t: Interval
+    mirrored: Interval
+    weighted: Interval
+    zero: bool
 
 
-def lower_bound(row: Row, face: int, profiles: Sequence[Profile], s: Fraction) -> Fraction:
-    """A bound that sum w phi(s) is at least at this s > 0: phi is no less than what h takes at the ends."""
-    total = _ZERO
-    for term in row.terms:
-        kind = profiles[term.coupling]
-        ends = [_secant_times(kind, face, t, Interval.point(s)).lo for t in (term.step, -term.reach)]
-        inside = (
-            cell.values.lo / s if face > 0 else -cell.values.hi / s
-            for cell in _turns(kind, face)
-            if -s * term.reach <= _mirrored(cell, face).lo and _mirrored(cell, face).hi <= s * term.step
+@dataclass(frozen=True, slots=True)
+class _Side:
+    """A term on one face with its numbers in the arithmetic of the intervals S: ``whole`` from left to right, mirrored
+    to the face, ``bend`` the weight times step^2."""
+
+    term: Term
+    kind: Profile
+    face: int
+    weight: Interval
+    left: _End
+    right: _End
+    whole: Interval
+    bend: Interval
+
+
+def _sides(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -> list[_Side]:
+    def end(term: Term, t: Fraction) -> _End:
+        return _End(S.like(t), S.like(face * t), S.like(term.weight * t), not t)
+
+    return [
+        _Side(
+            term=term,
+            kind=profiles[term.coupling],
+            face=face,
+            weight=S.like(term.weight),
+            left=end(term, -term.reach),
+            right=end(term, term.step),
+            whole=S.like(Interval(-term.reach, term.step) * face),
+            bend=S.like(face * term.weight * term.step**2),
         )
-        total += term.weight * max(*ends, *inside)
+        for term in row.terms
+    ]
+
+
+def upper_bound(sides: Sequence[_Side], S: Interval) -> Interval:
+    """An interval whose upper end sum w phi(s) does not exceed for s in S, s > 0."""
+    rising: list[_Side] = []
+    total = change = others = ZERO
+    smooth = not S.is_point
+    for side in sides:
+        if not _rises(side, S):
+            others = others + _largest(side, S) * side.weight
+        elif not side.right.zero:
+            rising.append(side)
+            found = secant(side.kind.curve, S * side.right.mirrored)
+            total = total + found.value * side.right.weighted
+            if smooth and found.slope is not None:
+                change = change + found.slope * side.bend
+            else:
+                smooth = False
+    if smooth and rising:
+        at, value = S.middle() if not change.sign else S.ends()[change.sign > 0], ZERO
+        for side in rising:
+            value = value + secant(side.kind.curve, at * side.right.mirrored).value * side.right.weighted
+        total = total.meet(value + change * (S - at))
+    return total + others
+
+
+def lower_bound(sides: Sequence[_Side], s: Interval) -> Fraction:
+    """A bound that sum w phi(s) is at least at this s > 0, a point: phi is no less than what h takes at the ends."""
+    total = _ZERO
+    for side in sides:
+        ends = [_secant_times(side, end, s).lo for end in (side.right, side.left)]
+        asked = s * side.whole
+        inside = (
+            cell.values.lo / s.lo if side.face > 0 else -cell.values.hi / s.lo
+            for cell in _turns(side)
+            if asked.lo <= cell.place.lo and cell.place.hi <= asked.hi
+        )
+        total += side.term.weight * max(*ends, *inside)
     return total
 
 
-def _at(terms: Sequence[Term], face: int, profiles: Sequence[Profile], s: Fraction) -> Interval:
-    """Sum of w step g(s step) at one s >= 0."""
-    total = Interval.point(0)
-    for term in terms:
-        total += _secant_times(profiles[term.coupling], face, term.step, Interval.point(s)) * term.weight
-    return total
-
-
-def _secant_times(kind: Profile, face: int, t: Fraction, S: Interval) -> Interval:
+def _secant_times(side: _Side, end: _End, S: Interval) -> Interval:
     """t g(s t) for s in S, for h or for -h(-y): the value h(s t)/s."""
-    return secant(kind.curve, S * (face * t)).value * t if t else Interval.point(0)
+    return ZERO if end.zero else secant(side.kind.curve, S * end.mirrored).value * end.t
 
 
-def _rises(kind: Profile, face: int, term: Term, S: Interval) -> bool:
+def _rises(side: _Side, S: Interval) -> bool:
     """Whether h (or -h(-y)) is nondecreasing on all of -s reach <= y <= s step, s in S."""
-    if kind.is_nondecreasing:
+    if side.kind.is_nondecreasing:
         return True
-    asked = Interval(-S.hi * term.reach, max(S.lo * term.step, S.hi * term.step))
-    return all(cell.direction > 0 or not _overlap(_mirrored(cell, face), asked) for cell in kind.cells)
+    asked = S * side.whole
+    return all(cell.direction > 0 or not _overlap(cell.place, asked) for cell in side.kind.cells)
 
 
-def _largest(kind: Profile, face: int, term: Term, S: Interval) -> Fraction:
-    """An upper bound of phi on S where h may turn: both ends, and every place where it may have a maximum."""
-    whole = Interval(-term.reach, term.step)
-    natural = (secant(kind.curve, S * whole * face).value * whole).hi
-    if not S.lo and any(_mirrored(cell, face).contains(0) for cell in _turns(kind, face)):
+def _largest(side: _Side, S: Interval) -> Interval:
+    """An interval whose upper end phi does not exceed on S, where h may turn: both ends, and every place where it may
+    have a maximum."""
+    natural = secant(side.kind.curve, S * side.whole).value * side.whole * side.face
+    if not S.bottom and any(cell.place.contains(0) for cell in _turns(side)):
         return natural
-    bounds = [_secant_times(kind, face, term.step, S).hi]
-    left = Interval(-S.hi * term.reach, -S.lo * term.reach)
-    if any(cell.direction < 0 and _overlap(_mirrored(cell, face), left) for cell in kind.cells):
-        bounds.append(_secant_times(kind, face, -term.reach, S).hi)
-    for cell in _turns(kind, face):
-        when = _within(_mirrored(cell, face), term, S)
+    bounds = [_secant_times(side, side.right, S)]
+    left = S * side.left.mirrored
+    if any(cell.direction < 0 and _overlap(cell.place, left) for cell in side.kind.cells):
+        bounds.append(_secant_times(side, side.left, S))
+    for cell in _turns(side):
+        when = _within(cell.place * side.face, side.term, S)
         if when is not None:
-            values = cell.values if face > 0 else -cell.values
-            bounds.append((values / when).hi)
-    return min(natural, max(bounds))
+            bounds.append(cell.values * side.face / when)
+    highest = max(bounds, key=lambda bound: bound.top)
+    return natural if natural.top <= highest.top else highest
 
 
 def _within(place: Interval, term: Term, S: Interval) -> Interval | None:
@@ -344,15 +413,11 @@ def _within(place: Interval, term: Term, S: Interval) -> Interval | None:
         lo = max(lo, -place.hi / term.reach)
         if term.step < 0:
             hi = min(hi, place.lo / term.step)
-    return Interval(lo, hi) if lo <= hi else None
+    return S.like(Interval(lo, hi)) if lo <= hi else None
 
 
-def _turns(kind: Profile, face: int) -> tuple[Cell, ...]:
-    return kind.tops if face > 0 else kind.bottoms
-
-
-def _mirrored(cell: Cell, face: int) -> Interval:
-    return cell.place if face > 0 else -cell.place
+def _turns(side: _Side) -> tuple[Cell, ...]:
+    return side.kind.tops if side.face > 0 else side.kind.bottoms
 
 
 def _overlap(left: Interval, right: Interval) -> bool:

@@ -22,6 +22,7 @@ from dobc_design.conditions.separable.claim import FACES, DelayBound, SamplingBo
 from dobc_design.conditions.separable.decide import SeparableAnswer, coupling_profiles, verify_separable
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
+from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -142,5 +143,5 @@ class _Steepest:
             place = wider if wider.magnitude <= kind.radius else place
         key = (term.coupling, place)
         if key not in self.known:
-            self.known[key] = max(slope_bound(kind.curve, place, tolerance=_CLOSE), _ZERO)
+            self.known[key] = max(slope_bound(kind.curve, Floats.around(place), tolerance=_CLOSE), _ZERO)
         return self.known[key]

@@ -1,0 +1,140 @@
+"""Intervals of floats against the exact rationals, which are the independent oracle."""
+
+from __future__ import annotations
+
+import math
+import operator
+from fractions import Fraction
+from itertools import product
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from dobc_design.coupling.enclosures import Curve, jet, secant, slope_form, value
+from dobc_design.coupling.expression import parse_expression
+from dobc_design.coupling.functions import FUNCTIONS
+from dobc_design.exact import floats, interval
+from dobc_design.exact.floats import LARGEST, Floats, float_bounds
+from dobc_design.exact.interval import Interval, UndefinedError, float_values
+
+OPERATORS = (operator.add, operator.sub, operator.mul, operator.truediv)
+ONE_ARGUMENT = sorted(name for name, row in FUNCTIONS.items() if row.arguments == (1, 1))
+# All magnitudes, the numbers that cannot be written in full among them, and those of couplings.
+ENDS = st.one_of(
+    st.floats(-LARGEST, LARGEST),
+    st.floats(-4, 4),
+    st.sampled_from([0.0, -0.0, 1.0, -1.0, 5e-324, -5e-324, 2.0**-1022, 1e-200, -1e160, math.pi / 2, 1e15]),
+)
+
+
+@st.composite
+def intervals(draw: st.DrawFn) -> Floats:
+    a = draw(ENDS)
+    b = a if draw(st.booleans()) else draw(ENDS)
+    return Floats(min(a, b), max(a, b))
+
+
+def exact(x: Interval) -> Interval:
+    return Interval(x.lo, x.hi)
+
+
+def contains(found: Interval, truth: Interval) -> bool:
+    """By rationals, which were rounded outwards themselves where they are long: their last bits do not count."""
+    slack = Fraction(1, 2**120)
+    return found.lo <= truth.lo + abs(truth.lo) * slack and truth.hi - abs(truth.hi) * slack <= found.hi
+
+
+@given(intervals(), intervals())
+def test_sums_differences_products_and_quotients_contain_those_of_all_ends(x: Floats, y: Floats) -> None:
+    for each in OPERATORS:
+        try:
+            found = each(x, y)
+        except UndefinedError:  # too large, or a division by 0
+            continue
+        assert -LARGEST <= found.a <= found.b <= LARGEST
+        for u, v in product((x.lo, x.hi), (y.lo, y.hi)):
+            assert found.lo <= each(u, v) <= found.hi
+
+
+@given(intervals(), st.integers(-6, 9))
+def test_powers_contain_those_of_the_ends_and_of_0(x: Floats, exponent: int) -> None:
+    assume(exponent >= 0 or not x.contains(0))
+    try:
+        found = x**exponent
+    except UndefinedError:
+        return
+    for u in (x.lo, x.hi, Fraction(0)):
+        assert not x.contains(u) or found.lo <= u**exponent <= found.hi
+
+
+@pytest.mark.parametrize("name", ONE_ARGUMENT)
+@given(x=intervals())
+def test_functions_contain_what_the_rationals_enclose(name: str, x: Floats) -> None:
+    try:
+        found = FUNCTIONS[name].interval(x)
+    except UndefinedError:
+        return
+    assert contains(found, FUNCTIONS[name].interval(exact(x)))
+
+
+@given(intervals(), intervals(), st.fractions())
+def test_hulls_common_parts_halves_and_conversions_lose_nothing(x: Floats, y: Floats, number: Fraction) -> None:
+    assert x.hull(y).contains(exact(x)) and x.hull(y).contains(exact(y))
+    low, high = x.halves()
+    assert low.lo == x.lo and low.hi == high.lo == x.middle().lo and high.hi == x.hi
+    assert x.lo <= x.middle().lo <= x.hi
+    assert exact(abs(x)) == abs(exact(x)) and exact(-x) == -exact(x)
+    below, above = float_bounds(number)
+    assert Fraction(below) <= number <= Fraction(above) and above <= math.nextafter(below, math.inf)
+    if max(x.lo, y.lo) <= min(x.hi, y.hi):
+        assert exact(x.meet(y)) == exact(x).meet(exact(y))
+
+
+@pytest.mark.parametrize(
+    "h", ["sin(y)", "tanh(y)", "exp(y) - 1 + y", "y/(1 + y**2)", "clip(2*y, -1, 1)", "atan(y)*y**2"]
+)
+@given(a=st.floats(-3, 3), b=st.floats(-3, 3))
+def test_couplings_and_their_gains_and_slopes_are_enclosed(h: str, a: float, b: float) -> None:
+    curve, Y = Curve(parse_expression(h)), Floats(min(a, b), max(a, b))
+    try:
+        found = (value(curve, Y), slope_form(curve, Y), secant(curve, Y).value, jet(curve, Y).slope)
+    except UndefinedError:  # quotients of numbers next to 0
+        return
+    for y in (Interval.point(Y.lo), Interval.point(Y.midpoint), Interval.point(Y.hi)):
+        points = (value(curve, y), slope_form(curve, y), secant(curve, y).value, jet(curve, y).slope)
+        assert all(each.lo <= point.hi and point.lo <= each.hi for each, point in zip(found, points, strict=True))
+
+
+@pytest.mark.parametrize("a, b", [(math.nan, 1.0), (0.0, math.nan), (0.0, math.inf), (-math.inf, 0.0), (1.0, 0.0)])
+def test_what_is_no_interval_of_finite_numbers_is_refused(a: float, b: float) -> None:
+    with pytest.raises(UndefinedError, match="exceeds"):
+        Floats(a, b)
+
+
+def test_too_large_numbers_are_refused_and_too_small_ones_are_bounded() -> None:
+    large, small = Floats(1e200, 1e200), Floats(1e-200, 1e-200)
+    with pytest.raises(UndefinedError, match="exceeds"):
+        large * large
+    with pytest.raises(UndefinedError, match="exceeds"):
+        Floats.around(Fraction(10) ** 400)
+    assert (small * small).a < 0 < (small * small).b
+    assert Floats.around(Fraction(1, 10**400)).b == 5e-324
+
+
+def test_without_rounding_outwards_the_rationals_are_not_contained(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The twin: the properties above can fail."""
+    x, y = Floats(0.1, 0.1), Floats(0.3, 0.3)
+    with monkeypatch.context() as still:
+        still.setattr(floats, "nextafter", lambda number, towards: number)
+        sums, products, quotients = x + y, x * y, x / y
+    assert not sums.contains(x.lo + y.lo)
+    assert not products.contains(x.lo * y.lo)
+    assert not quotients.contains(x.lo / y.lo)
+    float_values.cache_clear()
+    with monkeypatch.context() as still:
+        still.setattr(interval.math, "nextafter", lambda number, towards: number)
+        found = [FUNCTIONS["exp"].interval(Floats(k / 7, k / 7)) for k in range(1, 40)]
+    float_values.cache_clear()
+    truth = [FUNCTIONS["exp"].interval(exact(Floats(k / 7, k / 7))) for k in range(1, 40)]
+    assert not all(contains(f, t) for f, t in zip(found, truth, strict=True))

@@ -10,6 +10,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 from itertools import zip_longest
 from os import PathLike
@@ -41,6 +42,7 @@ from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import number_text
+from dobc_design.exact.work import out_of_time, read_time_limit, until
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, join, name_some
@@ -60,6 +62,7 @@ def certify(
     *,
     everything: bool = False,
     settling: Any = None,
+    time_limit: Any = None,
     progress: Progress | None = None,
 ) -> Certificate:
     """Run every condition that applies and decide each exactly.
@@ -67,7 +70,9 @@ def certify(
     ``problem`` is a Problem, a path or a built-in name.  The region asked for is examined cheapest first, until a
     proof covers it; ``everything``: all of it, also where no region is asked for.  ``settling``: a tolerance in the
     unit of x; the time after which |e(t)|_inf stays below it is proved as well (with ``everything`` and a region a
-    hundredth of its radius by default).  ``progress`` is called with the name of each stage.
+    hundredth of its radius by default).  ``time_limit`` (s): stages that would begin later are left out, and long ones
+    cut off; without one every stage has a limit that is counted, so that the same input gives the same claims.
+    ``progress`` is called with the name of each stage.
     Returns: a Certificate; its verdict is PROVED, REFUTED or UNDECIDED.
     Raises: SpecError for a wrong problem.  A numerical library that breaks down costs at most a shorter proof.
     Source: Lemma 1, Theorems 1 and 2; theory, sections 1 to 5.
@@ -80,6 +85,17 @@ def certify(
         problem = load_problem(problem)
     report = progress or (lambda stage: None)
     tolerance = None if settling is None else read_tolerance(settling)
+    seconds = None if time_limit is None else read_time_limit(time_limit)
+    options = ["--all"] if everything else []
+    options += [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
+    options += [] if seconds is None else [f"--time-limit {number_text(seconds)}"]
+    with until(None if seconds is None else float(seconds)):
+        return _certificate(problem, tolerance, options, everything=everything, report=report)
+
+
+def _certificate(
+    problem: Problem, tolerance: Fraction | None, options: Sequence[str], *, everything: bool, report: Progress
+) -> Certificate:
     found = decide(problem, report)
     P = None if found.pair is None else found.pair.P
     findings = Findings(statements=found.statements, directions=found.directions, P=P)
@@ -87,7 +103,9 @@ def certify(
     def quietly(cured: Problem) -> tuple[Check, ...]:
         return decide(cured, lambda stage: None).checks
 
-    checks = with_cures(problem, found.checks, findings, progress=report, decide=quietly)
+    checks = found.checks
+    if out_of_time() is None:
+        checks = with_cures(problem, checks, findings, progress=report, decide=quietly)
     W, pair, domain = found.W, found.pair, found.statements.domain
     checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
     if tolerance is not None or (everything and problem.region is not None):
@@ -95,8 +113,6 @@ def certify(
     checks += tuple(other_equilibria(problem, W, checks, report=report))
     checks = tuple(map(writable, checks))
     overall = decide_overall(problem, checks, W)
-    all_option = ["--all"] if everything else []
-    settling_option = [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
     return Certificate(
         problem=problem,
         claims=Claims(
@@ -111,9 +127,9 @@ def certify(
             gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
             P=P,
             Q=None if pair is None else pair.Q,
-            notes=tuple(notes_of(problem, found.designs, found.how)),
+            notes=(*notes_of(problem, found.designs, found.how), *time_note()),
             version=__version__,
-            options=(*all_option, *settling_option),
+            options=tuple(options),
         ),
     )
 
@@ -181,7 +197,7 @@ def other_equilibria(
 ) -> Iterator[Check]:
     """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
     can = problem.region is not None and not problem.is_linear and (W is not None or not problem.groups)
-    if can and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
+    if can and out_of_time() is None and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
         from dobc_design.falsification.search import equilibrium_check
 
         report("looking for another equilibrium")
@@ -295,9 +311,13 @@ class _Run:
         obstacle = next((c for c in observer if c.id in OBSTACLES and c.verdict is Verdict.REFUTED), None)
         blocked = obstacle is not None or any(c.verdict is not Verdict.PROVED for c in lemmas)
         known = [W for W in gains if W is not None]
-        pair, how = (None, "") if blocked or len(known) < len(gains) else self.find_pair(exosystem, known)
+        blocked = blocked or len(known) < len(gains)
+        late = None if blocked else out_of_time()
+        pair, how = (None, "") if blocked or late is not None else self.find_pair(exosystem, known)
         proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
         checks.append(check(name, pair=pair, proposal=proposal, obstacle=obstacle))
+        if pair is None and not blocked and (why := late or out_of_time()) is not None:
+            checks[-1] = replace(checks[-1], reason=why)
         return checks, pair, how
 
     def find_pair(self, exosystem: Exosystem, gains: Sequence[Matrix]) -> tuple[Pair | None, str]:
@@ -308,6 +328,8 @@ class _Run:
             S = consensus.schur_block(pair, exosystem)
             if S is not None and is_writable(P, Q, S) and consensus.psi_is_negative(self.statements, exosystem, pair):
                 return pair, how
+            if out_of_time() is not None:
+                break
         return None, ""
 
     def proposal(self, pair: Pair, exosystem: Exosystem) -> Proposal:
@@ -349,6 +371,12 @@ def _proposed_pairs(
         if len(known) == len(each):
             words = dict.fromkeys(how for _, _, how in known if how)
             yield block_diagonal([P for P, _, _ in known]), block_diagonal([Q for _, Q, _ in known]), " ".join(words)
+
+
+def time_note() -> Iterator[str]:
+    """That the time limit was over before the end."""
+    if (why := out_of_time()) is not None:
+        yield f"What was not decided in time was {why} On another machine, or with more time, more may be proved."
 
 
 def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -> Iterator[str]:

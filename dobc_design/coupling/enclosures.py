@@ -15,8 +15,9 @@ from itertools import groupby, pairwise
 from typing import Final
 
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.tree import ZERO, GradientAlgebra, IntervalAlgebra, Jet, program, run
+from dobc_design.coupling.tree import ZERO, Call, GradientAlgebra, IntervalAlgebra, Jet, Power, postorder, program, run
 from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.work import spend
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is above 1).
 TOLERANCE: Final = Fraction(1, 10**6)
@@ -26,6 +27,8 @@ _MOST_HALVINGS: Final = 40
 _NARROWEST: Final = Fraction(1, 2**30)
 # Enclosures that are remembered, since searches come back to the same intervals.
 _REMEMBERED: Final = 1 << 12
+
+_CALL: Final = 8  # steps that a function takes, in units of a sum
 
 # The narrowest cell, as a part of the radius, and the most cells looked at.
 _NARROWEST_CELL: Final = Fraction(1, 2**24)
@@ -44,6 +47,11 @@ class _Programs:
     def __init__(self, expression: Expression) -> None:
         self.values = program(expression.node, _VALUES)
         self.jets, self.restricted = (program(expression.node, algebra) for algebra in (_JETS, _RESTRICTED))
+        parts = postorder(expression.node)
+        #: Steps that one evaluation takes, about.
+        self.cost = sum(
+            _CALL if isinstance(x, Call) else abs(x.exponent).bit_length() if isinstance(x, Power) else 1 for x in parts
+        )
 
 
 @lru_cache(maxsize=4096)
@@ -194,6 +202,7 @@ def tight_range(
     """The range of what a form encloses, at most about ``tolerance`` too wide at each end; or its upper end only."""
 
     def form(piece: Interval) -> Interval:
+        spend(curve.programs.cost)
         return enclosed(curve, piece)
 
     try:
@@ -292,9 +301,12 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
     while waiting:
         place = waiting.pop()
         count += 1
+        spend(curve.programs.cost)
         last = place.width <= narrow or count > _MOST_CELLS
         try:
             slope = jet(curve, place, restricted=True).slope
+            if slope.lo < 0 < slope.hi and not place.is_point:  # where h' only touches 0, the mean value form tells
+                slope = _meet(slope, slope_form(curve, place))
             direction = 1 if slope.lo >= 0 else -1 if slope.hi <= 0 else 0
         except UndefinedError:
             if last:

@@ -28,6 +28,7 @@ from dobc_design.exact.definite import decide_positive_definite, decide_positive
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
+from dobc_design.exact.work import spend
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -210,9 +211,10 @@ def decide_row(
 ) -> tuple[Verdict, Fraction | None]:
     """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s."""
     limit = (row.gain - alpha) * row.own
-    waiting, count = [Interval(_ZERO, rho)], 0
+    waiting, count, price = [Interval(_ZERO, rho)], 0, _price(row, profiles)
     while waiting:
         S = waiting.pop()
+        spend(price)
         count += 1
         if upper_bound(row, face, profiles, S) <= limit:
             continue
@@ -227,7 +229,7 @@ def decide_row(
 
 def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction, enough: Fraction) -> Fraction:
     """A rate alpha for which the row holds, about the part TOLERANCE below the largest; or one above ``enough``."""
-    S, count = Interval(_ZERO, rho), 0
+    S, count, price = Interval(_ZERO, rho), 0, _price(row, profiles)
     heap = [(-upper_bound(row, face, profiles, S), 0, S)]
     attained = lower_bound(row, face, profiles, rho)
     while True:
@@ -236,11 +238,17 @@ def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction
         slack = TOLERANCE * max(abs(row.gain * row.own - attained), row.own * TOLERANCE)
         if rate >= enough or -top - attained <= slack or count >= MOST_PIECES:
             return rate
+        spend(2 * price)
         heapq.heappop(heap)
         attained = max(attained, lower_bound(row, face, profiles, S.midpoint))
         for half in S.halves():
             count += 1
             heapq.heappush(heap, (-min(upper_bound(row, face, profiles, half), -top), count, half))
+
+
+def _price(row: Row, profiles: Sequence[Profile]) -> int:
+    """Steps that one piece of a row takes, about."""
+    return sum(profiles[term.coupling].curve.programs.cost for term in row.terms)
 
 
 def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:

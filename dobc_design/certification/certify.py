@@ -33,7 +33,7 @@ from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import Asked, Progress, covers, read_region
 from dobc_design.conditions.numbers import is_writable
-from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check
+from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.conditions.schedule.decide import Settling
@@ -52,6 +52,7 @@ from dobc_design.verdict import Verdict
 
 logger = logging.getLogger("dobc_design")
 OBSTACLES = ("detectability", "hurwitz")  # refuted, they rule out every pair
+MOST_SEARCHED = 200  # modes in which directions of few agents are looked for
 DOUBT = 1e-9  # an estimate of lambda_max above minus this calls for a witness
 #: Cheapest first.
 STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (separable_stage, quadratic_stage, exhaustive_stage)
@@ -272,7 +273,8 @@ class _Run:
             if top is None or not top.value < -DOUBT:
                 self.found[mode] = []
                 try:
-                    self.found[mode] = estimates.witness_directions(self.problem, mode)
+                    if len(self.found) <= MOST_SEARCHED:
+                        self.found[mode] = estimates.witness_directions(self.problem, mode)
                 except (ArithmeticError, RuntimeError, ValueError) as error:
                     logger.warning("no small directions: %s", error)
             vectors = [*self.found.get(mode, ()), *([] if top is None else [top.vector.tolist()])]
@@ -312,11 +314,17 @@ class _Run:
         blocked = obstacle is not None or any(c.verdict is not Verdict.PROVED for c in lemmas)
         known = [W for W in gains if W is not None]
         blocked = blocked or len(known) < len(gains)
-        late = None if blocked else out_of_time()
+        large = next(filter(None, (too_large(group.exosystem) for group in problem.groups)), None)
+        late = large or (None if blocked else out_of_time())
         pair, how = (None, "") if blocked or late is not None else self.find_pair(exosystem, known)
         proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
         checks.append(check(name, pair=pair, proposal=proposal, obstacle=obstacle))
-        if pair is None and not blocked and (why := late or out_of_time()) is not None:
+        if (
+            pair is None
+            and (not blocked or large)
+            and checks[-1].verdict is Verdict.UNDECIDED
+            and (why := late or out_of_time()) is not None
+        ):
             checks[-1] = replace(checks[-1], reason=why)
         return checks, pair, how
 
@@ -348,6 +356,8 @@ class _Run:
 def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[Check]:
     """The checks of one exosystem and its gain; ``problem`` where cures may change its keys."""
     exosystem = group.exosystem
+    if (reason := too_large(exosystem)) is not None:
+        return [undecided_check(id, "global", reason) for id in ("observability", "detectability", "hurwitz")]
     source = "given" if group.observer.W is not None else "designed"
     estimate = 0.0 if W is None else decay_rate(exosystem, W)
     key = "W of the group" if problem is None else "observer.W"

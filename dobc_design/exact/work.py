@@ -1,7 +1,7 @@
 """Work that is counted, so that every stage ends: steps of interval arithmetic, not seconds.
 
-A stage opens ``at_most``, loops inside ``spend``; what is spent does not depend on caches, so the same input ends at the
-same place.  A clock enters only where a user asks for one (``until``).  Elsewhere nothing is limited.
+A stage opens ``at_most``, loops inside ``spend``; what is spent does not depend on caches, so the same input ends at
+the same place.  A clock enters only where a user asks for one (``until``).  Elsewhere nothing is limited.
 """
 
 from __future__ import annotations

@@ -20,8 +20,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 _check = partial(Check, domain="global")
-#: Seventh power of the order times squared bits of an entry, up to which (A, C) is decided: elimination in plain Python,
-#: as a second program does it, takes about 10^-12 s of each.
+#: Seventh power of the order times squared bits up to which (A, C) is decided; plain Python takes about 10^-12 s each.
 MOST_WORK = 5 * 10**13
 
 

@@ -20,7 +20,7 @@ from dobc_design.conditions import numbers
 from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
-from dobc_design.conditions.consensus.network import name_agents, unreached
+from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import claimed, has_short_denominator, read_rational, shorten
 from dobc_design.conditions.quadratic import sectors as channels
 from dobc_design.conditions.quadratic.claim import METHODS, Lure, interval_matrix, lure_matrix, vertex_matrices
@@ -31,6 +31,7 @@ from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, multiply, to_float
 from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.arrays import unreached
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 

@@ -16,7 +16,7 @@ from typing import Final
 
 from dobc_design.coupling.expression import Expression
 from dobc_design.coupling.tree import ZERO, Call, GradientAlgebra, IntervalAlgebra, Jet, Power, postorder, program, run
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Interval, UndefinedError, height
 from dobc_design.exact.work import spend
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is above 1).
@@ -28,6 +28,8 @@ _NARROWEST: Final = Fraction(1, 2**30)
 # Enclosures that are remembered, since searches come back to the same intervals.
 _REMEMBERED: Final = 1 << 12
 
+_LARGEST: Final = Fraction(2**990)
+_LONG: Final = 9  # bits of the length of an end point from which on a step costs as many times more
 _CALL: Final = 8  # steps that a function takes, in units of a sum
 
 # The narrowest cell, as a part of the radius, and the most cells looked at.
@@ -203,7 +205,9 @@ def tight_range(
 
     def form(piece: Interval) -> Interval:
         spend(curve.programs.cost)
-        return enclosed(curve, piece)
+        found = enclosed(curve, piece)
+        spend(curve.programs.cost * (height(found.hi) >> _LONG))
+        return found
 
     try:
         pieces = _defined(form, Y)
@@ -286,6 +290,8 @@ def profile(curve: Curve, radius: Fraction) -> Profile:
     whole = Interval(-radius, radius)
     try:
         cells = _merged(curve, _split(curve, whole))
+        if any(cell.values.magnitude > _LARGEST for cell in cells):
+            raise UndefinedError("its values are beyond what a second program can follow in floating point.")
     except UndefinedError as error:
         what = f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, {float(radius):.6g}]: {error}'
         raise UndefinedError(what) from error
@@ -305,6 +311,7 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
         last = place.width <= narrow or count > _MOST_CELLS
         try:
             slope = jet(curve, place, restricted=True).slope
+            spend(curve.programs.cost * (height(slope.hi) >> _LONG))  # of powers of powers
             if slope.lo < 0 < slope.hi and not place.is_point:  # where h' only touches 0, the mean value form tells
                 slope = _meet(slope, slope_form(curve, place))
             direction = 1 if slope.lo >= 0 else -1 if slope.hi <= 0 else 0

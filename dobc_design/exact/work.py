@@ -47,7 +47,7 @@ class _Clock:
 
 
 #: What one stage of `certify` may take.
-STAGE: Final = 150_000
+STAGE: Final = 300_000
 _ACCOUNT: Final[ContextVar[_Account | None]] = ContextVar("account", default=None)
 _CLOCK: Final[ContextVar[_Clock | None]] = ContextVar("clock", default=None)
 

@@ -178,16 +178,22 @@ def _attempt(
     if observer is not None and observer.W is None:
         none = "no observer gain was found that does what was asked, and no proof that there is none."
         return ground.nothing(Verdict.UNDECIDED, none)
-    reason, tries = "", 0
+    reason, tries, best = "", 0, None
     for proposal in islice(of_region(ground), MOST_QUICK if bare.region is None else MOST_TRIES):
         design = _certified(ground, proposal)
-        if design.verdict is Verdict.PROVED:
+        if design.verdict is Verdict.PROVED and part <= HALF:
             return design
+        if design.verdict is Verdict.PROVED:  # as fast as possible: while a faster observer still buys much
+            if best is not None and (design.rate or 0.0) <= DECISIVE * (best.rate or 0.0):
+                break
+            best = design
         reason, tries = design.reason, tries + 1
         proof = design.certificate
         if slower is not None and proof is not None and proof.verdict is Verdict.PROVED and design.rate:
             found = replace(design, verdict=Verdict.PROVED, reason=proof.reason)
             slower.append(replace(found, request=replace(request, rate=None)))
+    if best is not None:
+        return best
     if tries:
         text = f"{counted(tries, 'design')} were tried, none was proved to do; the last: {reason}"
         return ground.nothing(Verdict.UNDECIDED, text)

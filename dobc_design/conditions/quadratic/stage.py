@@ -60,7 +60,7 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     if rows > MOST_ROWS:
         reason = f"left out, because it takes long with {rows} rows n m; it is examined up to {MOST_ROWS}."
         return [undecided_check("lure", asked.domain, reason)]
-    with at_most(STAGE):
+    with at_most(3 * STAGE if asked.everything else STAGE):  # there are more shapes then, and interval bounds
         found, cut = _ladder(asked, report), exhausted()
     if not found and cut is not None:
         return [undecided_check("lure", asked.domain, cut)]

@@ -10,6 +10,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 from itertools import zip_longest
 from os import PathLike
@@ -32,7 +33,7 @@ from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import Asked, Progress, covers, read_region
 from dobc_design.conditions.numbers import is_writable
-from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check
+from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.conditions.schedule.decide import Settling
@@ -41,6 +42,7 @@ from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import number_text
+from dobc_design.exact.work import out_of_time, read_time_limit, until
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, join, name_some
@@ -50,6 +52,7 @@ from dobc_design.verdict import Verdict
 
 logger = logging.getLogger("dobc_design")
 OBSTACLES = ("detectability", "hurwitz")  # refuted, they rule out every pair
+MOST_SEARCHED = 200  # modes in which directions of few agents are looked for
 DOUBT = 1e-9  # an estimate of lambda_max above minus this calls for a witness
 #: Cheapest first.
 STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (separable_stage, quadratic_stage, exhaustive_stage)
@@ -60,6 +63,7 @@ def certify(
     *,
     everything: bool = False,
     settling: Any = None,
+    time_limit: Any = None,
     progress: Progress | None = None,
 ) -> Certificate:
     """Run every condition that applies and decide each exactly.
@@ -67,7 +71,9 @@ def certify(
     ``problem`` is a Problem, a path or a built-in name.  The region asked for is examined cheapest first, until a
     proof covers it; ``everything``: all of it, also where no region is asked for.  ``settling``: a tolerance in the
     unit of x; the time after which |e(t)|_inf stays below it is proved as well (with ``everything`` and a region a
-    hundredth of its radius by default).  ``progress`` is called with the name of each stage.
+    hundredth of its radius by default).  ``time_limit`` (s): stages that would begin later are left out, and long ones
+    cut off; without one every stage has a limit that is counted, so that the same input gives the same claims.
+    ``progress`` is called with the name of each stage.
     Returns: a Certificate; its verdict is PROVED, REFUTED or UNDECIDED.
     Raises: SpecError for a wrong problem.  A numerical library that breaks down costs at most a shorter proof.
     Source: Lemma 1, Theorems 1 and 2; theory, sections 1 to 5.
@@ -80,6 +86,17 @@ def certify(
         problem = load_problem(problem)
     report = progress or (lambda stage: None)
     tolerance = None if settling is None else read_tolerance(settling)
+    seconds = None if time_limit is None else read_time_limit(time_limit)
+    options = ["--all"] if everything else []
+    options += [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
+    options += [] if seconds is None else [f"--time-limit {number_text(seconds)}"]
+    with until(None if seconds is None else float(seconds)):
+        return _certificate(problem, tolerance, options, everything=everything, report=report)
+
+
+def _certificate(
+    problem: Problem, tolerance: Fraction | None, options: Sequence[str], *, everything: bool, report: Progress
+) -> Certificate:
     found = decide(problem, report)
     P = None if found.pair is None else found.pair.P
     findings = Findings(statements=found.statements, directions=found.directions, P=P)
@@ -87,7 +104,9 @@ def certify(
     def quietly(cured: Problem) -> tuple[Check, ...]:
         return decide(cured, lambda stage: None).checks
 
-    checks = with_cures(problem, found.checks, findings, progress=report, decide=quietly)
+    checks = found.checks
+    if out_of_time() is None:
+        checks = with_cures(problem, checks, findings, progress=report, decide=quietly)
     W, pair, domain = found.W, found.pair, found.statements.domain
     checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
     if tolerance is not None or (everything and problem.region is not None):
@@ -95,8 +114,6 @@ def certify(
     checks += tuple(other_equilibria(problem, W, checks, report=report))
     checks = tuple(map(writable, checks))
     overall = decide_overall(problem, checks, W)
-    all_option = ["--all"] if everything else []
-    settling_option = [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
     claims = Claims(
         problem_name=problem.name,
         problem_sha256=problem_sha256(problem),
@@ -109,9 +126,9 @@ def certify(
         gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
         P=P,
         Q=None if pair is None else pair.Q,
-        notes=tuple(notes_of(problem, found.designs, found.how)),
+        notes=(*notes_of(problem, found.designs, found.how), *time_note()),
         version=__version__,
-        options=(*all_option, *settling_option),
+        options=tuple(options),
     )
     report("asking the second program")
     return Certificate(problem=problem, claims=agreed(claims, problem))
@@ -184,7 +201,7 @@ def other_equilibria(
 ) -> Iterator[Check]:
     """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
     can = problem.region is not None and (W is not None or not problem.groups)
-    if can and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
+    if can and out_of_time() is None and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
         from dobc_design.falsification.search import equilibrium_check
 
         report("looking for another equilibrium")
@@ -259,7 +276,8 @@ class _Run:
             if top is None or not top.value < -DOUBT:
                 self.found[mode] = []
                 try:
-                    self.found[mode] = estimates.witness_directions(self.problem, mode)
+                    if len(self.found) <= MOST_SEARCHED:
+                        self.found[mode] = estimates.witness_directions(self.problem, mode)
                 except (ArithmeticError, RuntimeError, ValueError) as error:
                     logger.warning("no small directions: %s", error)
             vectors = [*self.found.get(mode, ()), *([] if top is None else [top.vector.tolist()])]
@@ -298,9 +316,19 @@ class _Run:
         obstacle = next((c for c in observer if c.id in OBSTACLES and c.verdict is Verdict.REFUTED), None)
         blocked = obstacle is not None or any(c.verdict is not Verdict.PROVED for c in lemmas)
         known = [W for W in gains if W is not None]
-        pair, how = (None, "") if blocked or len(known) < len(gains) else self.find_pair(exosystem, known)
+        blocked = blocked or len(known) < len(gains)
+        large = next(filter(None, (too_large(group.exosystem) for group in problem.groups)), None)
+        late = large or (None if blocked else out_of_time())
+        pair, how = (None, "") if blocked or late is not None else self.find_pair(exosystem, known)
         proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
         checks.append(check(name, pair=pair, proposal=proposal, obstacle=obstacle))
+        if (
+            pair is None
+            and (not blocked or large)
+            and checks[-1].verdict is Verdict.UNDECIDED
+            and (why := late or out_of_time()) is not None
+        ):
+            checks[-1] = replace(checks[-1], reason=why)
         return checks, pair, how
 
     def find_pair(self, exosystem: Exosystem, gains: Sequence[Matrix]) -> tuple[Pair | None, str]:
@@ -311,6 +339,8 @@ class _Run:
             S = consensus.schur_block(pair, exosystem)
             if S is not None and is_writable(P, Q, S) and consensus.psi_is_negative(self.statements, exosystem, pair):
                 return pair, how
+            if out_of_time() is not None:
+                break
         return None, ""
 
     def proposal(self, pair: Pair, exosystem: Exosystem) -> Proposal:
@@ -329,6 +359,8 @@ class _Run:
 def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[Check]:
     """The checks of one exosystem and its gain; ``problem`` where cures may change its keys."""
     exosystem = group.exosystem
+    if (reason := too_large(exosystem)) is not None:
+        return [undecided_check(id, "global", reason) for id in ("observability", "detectability", "hurwitz")]
     source = "given" if group.observer.W is not None else "designed"
     estimate = 0.0 if W is None else decay_rate(exosystem, W)
     key = "W of the group" if problem is None else "observer.W"
@@ -352,6 +384,12 @@ def _proposed_pairs(
         if len(known) == len(each):
             words = dict.fromkeys(how for _, _, how in known if how)
             yield block_diagonal([P for P, _, _ in known]), block_diagonal([Q for _, Q, _ in known]), " ".join(words)
+
+
+def time_note() -> Iterator[str]:
+    """That the time limit was over before the end."""
+    if (why := out_of_time()) is not None:
+        yield f"What was not decided in time was {why} On another machine, or with more time, more may be proved."
 
 
 def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -> Iterator[str]:

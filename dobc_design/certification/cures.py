@@ -18,7 +18,7 @@ from dobc_design.conditions.consensus.cures import PinProposal, rounded_up
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import Directions, carriers, is_negative, name_agents, unpinned_witness
 from dobc_design.conditions.numbers import shorten
-from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check
+from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, too_large
 from dobc_design.conditions.observer.propose import design_gain
 from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale
 from dobc_design.exact.number import number_text
@@ -133,7 +133,7 @@ def _model_parts(problem: Problem) -> list[Fix]:
     """What the exosystem and W need: the observable part in place of an undetectable pair, a W that decays.  A P
     goes with the W given, for which it was meant."""
     parts: list[Fix] = []
-    if problem.is_grouped or problem.exosystem is None:
+    if problem.is_grouped or problem.exosystem is None or too_large(problem.exosystem) is not None:
         return parts
     reduction = detectability_check(problem.exosystem, problem).fix
     if reduction is not None:

@@ -36,6 +36,7 @@ def certify(
         str | None, typer.Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=output.ids)
     ] = None,
     settling: output.Tolerance = None,
+    time_limit: output.TimeLimit = None,
     search: output.Search = False,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and report.md.")] = True,
     apply_fix: Annotated[
@@ -48,6 +49,7 @@ def certify(
 ) -> None:
     """Decide every condition exactly; write certificate.json, problem.json and the report."""
     from dobc_design.conditions.kinds import KINDS
+    from dobc_design.exact.work import read_time_limit
     from dobc_design.problem.load import load_problem
     from dobc_design.report.write import PAGE, render_report
 
@@ -58,11 +60,13 @@ def certify(
     if apply_fix is not None:
         output.check_target(apply_fix, force=force, key="--apply-fix")
     tolerance = _tolerance(settling)
+    seconds = None if time_limit is None else read_time_limit(time_limit, key="--time-limit")
     problem = load_problem(file)
     folder = output.results_folder(out, problem.name)
     pages: dict[str, bytes] = {}
     with output.Progress(manner) as progress:
-        certificate, searches = _certified(problem, tolerance, progress, everything=everything, search=search)
+        how: dict[str, Any] = {"everything": everything, "time_limit": seconds}
+        certificate, searches = _certified(problem, tolerance, progress, search=search, **how)
         cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
         if report:
             try:
@@ -135,7 +139,8 @@ def region(
     folder = output.results_folder(out, problem.name)
     with output.Progress(manner) as progress:
         largest = everything or problem.region is None
-        certificate, searches = _certified(problem, _tolerance(settling), progress, everything=largest, search=search)
+        how: dict[str, Any] = {"everything": largest, "time_limit": None}
+        certificate, searches = _certified(problem, _tolerance(settling), progress, search=search, **how)
         document = _head(certificate) | certificate.regions.to_json()
         if search:
             document["searches"] = [each.to_json() for each in searches]
@@ -162,13 +167,13 @@ def _tolerance(settling: str | None) -> Any:
 
 
 def _certified(
-    problem: Problem, tolerance: Any, progress: Callable[[str], None], *, everything: bool, search: bool
+    problem: Problem, tolerance: Any, progress: Callable[[str], None], *, search: bool, **how: Any
 ) -> tuple[Certificate, tuple[Falsification, ...]]:
     """The certificate, and with ``search`` what a search for starts that do not converge found."""
     from dobc_design.certification import certify as certification
     from dobc_design.certification.search import search_certificate
 
-    certificate = certification.certify(problem, everything=everything, settling=tolerance, progress=progress)
+    certificate = certification.certify(problem, settling=tolerance, progress=progress, **how)
     if not search:
         return certificate, ()
     found = search_certificate(certificate, progress=progress)

@@ -67,6 +67,9 @@ CertificateFolder = Annotated[Path | None, typer.Option(help="Folder for the fil
 Tolerance = Annotated[
     str | None, typer.Option(metavar="TOL", help="Also prove from when on every |e_i| stays below TOL.")
 ]
+TimeLimit = Annotated[
+    str | None, typer.Option("--time-limit", metavar="SECONDS", help="Leave out or cut off what would take longer.")
+]
 Search = Annotated[bool, typer.Option("--search", help="Also look for starts that do not converge.")]
 
 

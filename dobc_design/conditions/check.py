@@ -7,7 +7,7 @@ holds the values as they stand there, until ``certificate.claims`` reads them fo
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Protocol
@@ -16,6 +16,7 @@ from dobc_design._show.cards import Card, Shown, listed
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.conditions.kinds import KINDS, Kind
 from dobc_design.conditions.numbers import claimed, read_rational
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -169,6 +170,16 @@ def withdrawn(check: Check, domain: str, reason: str) -> Check:
     domain = "global" if check.kind.role == "part" else domain
     nothing: dict[str, Any] = dict.fromkeys(("margin", "rate", "claim", "witness"))
     return replace(check, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, **nothing)
+
+
+def limited(id: str, domain: str, decide: Callable[[], Check]) -> Check:
+    """What ``decide`` finds within the work of one stage, or an undecided check that says how far it came."""
+    try:
+        with at_most(STAGE):
+            spend(0)
+            return decide()
+    except WorkLimitError as limit:
+        return undecided_check(id, domain, str(limit))
 
 
 def starts_in(kind: str, radius: float, disturbance: float) -> Domain:

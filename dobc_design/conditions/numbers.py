@@ -52,7 +52,9 @@ def rounded_down(value: Fraction | float, *, digits: int = 9) -> Fraction:
     value = Fraction(value)
     if value <= 0:
         return Fraction(0)
-    unit = Fraction(10) ** (digits - len(str(value.numerator // value.denominator)))
+    # Within two powers of ten at first, below: numbers may have thousands of digits.
+    size = (value.numerator.bit_length() - value.denominator.bit_length()) * Fraction(30103, 10**5)
+    unit = Fraction(10) ** (digits - 3 - math.floor(size))
     while value * unit < 10 ** (digits - 1):
         unit *= 10
     return Fraction(math.floor(value * unit)) / unit

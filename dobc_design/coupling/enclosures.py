@@ -15,8 +15,20 @@ from itertools import groupby, pairwise
 from typing import Final
 
 from dobc_design.coupling.expression import Expression
-from dobc_design.coupling.tree import ONE, ZERO, GradientAlgebra, IntervalAlgebra, Jet, program, run
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.coupling.tree import (
+    ONE,
+    ZERO,
+    Call,
+    GradientAlgebra,
+    IntervalAlgebra,
+    Jet,
+    Power,
+    postorder,
+    program,
+    run,
+)
+from dobc_design.exact.interval import Interval, UndefinedError, height
+from dobc_design.exact.work import spend
 
 #: How much wider than the truth a range may be at each end (relative to the value where that is above 1).
 TOLERANCE: Final = Fraction(1, 10**6)
@@ -26,6 +38,10 @@ _MOST_HALVINGS: Final = 40
 _NARROWEST: Final = Fraction(1, 2**30)
 # Enclosures that are remembered, since searches come back to the same intervals.
 _REMEMBERED: Final = 1 << 12
+
+_LARGEST: Final = Fraction(2**990)
+_LONG: Final = 9  # bits of the length of an end point from which on a step costs as many times more
+_CALL: Final = 8  # steps that a function takes, in units of a sum
 
 # The narrowest cell, as a part of the radius, and the most cells looked at.
 _NARROWEST_CELL: Final = Fraction(1, 2**24)
@@ -45,6 +61,11 @@ class _Programs:
     def __init__(self, expression: Expression) -> None:
         self.values = program(expression.node, _VALUES)
         self.jets, self.restricted = (program(expression.node, algebra) for algebra in (_JETS, _RESTRICTED))
+        parts = postorder(expression.node)
+        #: Steps that one evaluation takes, about.
+        self.cost = sum(
+            _CALL if isinstance(x, Call) else abs(x.exponent).bit_length() if isinstance(x, Power) else 1 for x in parts
+        )
 
 
 @lru_cache(maxsize=4096)
@@ -194,7 +215,10 @@ def tight_range(
     """The range of what a form encloses, at most about ``tolerance`` too wide at each end; or its upper end only."""
 
     def form(piece: Interval) -> Interval:
-        return enclosed(curve, piece)
+        spend(curve.programs.cost)
+        found = enclosed(curve, piece)
+        spend(curve.programs.cost * _length(found))
+        return found
 
     try:
         pieces = _defined(form, Y)
@@ -206,6 +230,11 @@ def tight_range(
         what = f'{what} of h = "{curve.expression}" cannot be enclosed on [{_shown(Y.lo)}, {_shown(Y.hi)}]: {error}'
         raise UndefinedError(what) from error
     return Interval(lowest, highest)
+
+
+def _length(found: Interval) -> int:
+    """How many times more a step costs than one with short ends."""
+    return 0 if isinstance(found.top, float) else height(found.top) >> _LONG
 
 
 def _defined(form: Form, Y: Interval) -> list[tuple[Interval, Interval]]:
@@ -278,6 +307,8 @@ def profile(curve: Curve, radius: Fraction) -> Profile:
     whole = Interval(-radius, radius)
     try:
         cells = _merged(curve, _split(curve, whole))
+        if any(cell.values.magnitude > _LARGEST for cell in cells):
+            raise UndefinedError("its values are beyond what a second program can follow in floating point.")
     except UndefinedError as error:
         what = f'h = "{curve.expression}" cannot be enclosed on [-{float(radius):.6g}, {float(radius):.6g}]: {error}'
         raise UndefinedError(what) from error
@@ -293,9 +324,13 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
     while waiting:
         place = waiting.pop()
         count += 1
+        spend(curve.programs.cost)
         last = place.width <= narrow or count > _MOST_CELLS
         try:
             slope = jet(curve, place, restricted=True).slope
+            spend(curve.programs.cost * _length(slope))  # of powers of powers
+            if not slope.sign and not place.is_point:  # where h' only touches 0, the mean value form tells
+                slope = slope.meet(slope_form(curve, place))
             direction = slope.sign
         except UndefinedError:
             if last:

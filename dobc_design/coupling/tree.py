@@ -18,6 +18,7 @@ import numpy as np
 from dobc_design.coupling.functions import FUNCTIONS, Array, by_twos
 from dobc_design.exact import interval
 from dobc_design.exact.interval import Interval
+from dobc_design.exact.number import number_key
 
 T = TypeVar("T")
 
@@ -237,7 +238,7 @@ def _step(node: Node, algebra: Algebra[T]) -> Step[T]:
 
 def _signature(node: Node) -> tuple[object, ...]:
     parts = postorder(node)
-    return tuple((type(part), len(part.children), *(getattr(part, name) for name in part.own)) for part in parts)
+    return tuple((type(part), len(part.children), *(number_key(getattr(part, x)) for x in part.own)) for part in parts)
 
 
 ZERO: Final = Interval.point(0)

@@ -86,6 +86,13 @@ def parse_number(value: object, *, key: str) -> Fraction:
     raise _refusal(key, value, f"must be {_EXAMPLES}")
 
 
+def number_key(value: object) -> str:
+    """A key for dictionaries of numbers as they are given: all multiples of 2^61 - 1 have the same hash."""
+    if isinstance(value, (int, Fraction)):
+        return f"{value.numerator:x}/{value.denominator:x}"
+    return repr(value)
+
+
 def number_text(value: Fraction) -> str:
     """Return "16/5", or "3" for an integer.
 

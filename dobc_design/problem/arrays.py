@@ -16,6 +16,7 @@ from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
+from dobc_design.exact.number import number_key
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs, IndexArray
 from dobc_design.problem.problem import Problem
@@ -62,9 +63,11 @@ def places_at(problem: Problem, codes: IndexArray) -> IndexArray:
 def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fraction, ...]]:
     """For every arc the place of its weight among the different ones, and these; arcs mostly share few objects."""
     objects = {id(weight): weight for weight in weights}
-    table: dict[Fraction, int] = {}
-    place = {key: table.setdefault(weight, len(table)) for key, weight in objects.items()}
-    return np.fromiter(map(place.__getitem__, map(id, weights)), dtype=np.int64, count=len(weights)), tuple(table)
+    table: dict[str, int] = {}
+    place = {key: table.setdefault(number_key(weight), len(table)) for key, weight in objects.items()}
+    different = {place[key]: weight for key, weight in reversed(objects.items())}
+    found = np.fromiter(map(place.__getitem__, map(id, weights)), dtype=np.int64, count=len(weights))
+    return found, tuple(different[k] for k in range(len(table)))
 
 
 def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dobc_design._show.cards import MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import SpecError, about, raise_all, wrong
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import MOST_ERRORS, NumberText, counted, is_list, named, shown, shown_number
 
 MOST_AGENTS = 10_000_000
@@ -96,10 +96,11 @@ class Arcs:
 
 def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
     """Read weights exactly, each distinct value once."""
-    known: dict[Any, Fraction] = {1: ONE}
+    known: dict[object, Fraction] = {number_key(1): ONE}
     result = []
     for position, value in enumerate(values):
-        token = value if isinstance(value, (str, int, float)) and not isinstance(value, bool) else object()
+        plain = isinstance(value, (str, int, float)) and not isinstance(value, bool)
+        token = number_key(value) if plain else object()
         if token not in known:
             known[token] = parse_number(value, key=f"{key}[{position}][2]")
         result.append(known[token])

@@ -19,7 +19,7 @@ from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wr
 from dobc_design.exact import reading
 from dobc_design.exact.definite import decide_positive_semidefinite
 from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale, transpose
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import counted, is_list, is_scalar_matrix, is_text, named, shown, shown_number
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem import settings
@@ -82,15 +82,16 @@ def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinnin
     if not isinstance(gains, Mapping):
         gain = _read_gain(gains, key="pinning.gains", dimension=dimension)
         return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
-    known: dict[Any, Matrix] = {}
+    known: dict[str, Matrix] = {}
 
     def read(value: Any, key: str) -> Matrix:
         """The gain; of equal numbers the same object."""
         if isinstance(value, bool) or not isinstance(value, (str, int, Fraction)):
             return _read_gain(value, key=key, dimension=dimension)
-        if value not in known:
-            known[value] = _read_gain(value, key=key, dimension=dimension)
-        return known[value]
+        token = number_key(value)
+        if token not in known:
+            known[token] = _read_gain(value, key=key, dimension=dimension)
+        return known[token]
 
     return Pinning(gains=_by_label(gains, read, labels=labels, key="pinning.gains"))
 

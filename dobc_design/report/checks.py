@@ -36,6 +36,7 @@ _EXACT = {"bound": "λmax(Λ) must be below", "value": "v′Λv", "routh": "firs
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
 SWITCHES: Final = ("--all", "--search")
 SETTLING: Final = "--settling "
+TIMED: Final = "--time-limit "
 VERIFY: Final = "dobc verify certificate.json --problem problem.json"
 ALONE: Final = "python -I -S dobc_design/checker certificate.json problem.json"
 _TRACED: Final = (
@@ -276,6 +277,7 @@ def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:
     ]
     tolerances = [number for number in map(rational, (*asked, *proved)) if number is not None]
     known = [option for option in SWITCHES if option in options]
+    known += [x for x in options if x.startswith(TIMED) and rational(x.removeprefix(TIMED)) is not None][:1]
     return " ".join(["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"])
 
 

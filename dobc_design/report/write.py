@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str], None]
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
+DRAWN_ORDER = 100  # of the exosystem, likewise
 PAGE, PDF = "report.html", "report.pdf"
 SHOWN = 12  # rows up to which Lambda is printed
 
@@ -71,7 +72,7 @@ def render_report(
     say = progress or (lambda stage: None)
     problem, gain = certificate.problem, certificate.claims.W
     analysis, trajectory = None, None
-    if problem.n * problem.m <= DRAWN:
+    if problem.n * problem.m <= DRAWN and problem.q <= DRAWN_ORDER:
         from dobc_design.analysis.analysis import analyse as run_analysis
         from dobc_design.simulation.runs import fingerprint, run_once
         from dobc_design.simulation.setting import make_setting

@@ -26,14 +26,12 @@ from typing import Any, TypeVar
 
 from dobc_design import __version__
 from dobc_design.errors import DobcError, SpecError
-from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import shown
+from dobc_design.exact.work import read_time_limit
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.problem import Problem
 from dobc_design.sweeps.plan import Plan, Task, make_plan, require_whole
 from dobc_design.sweeps.result import TIME, Journal, Outcome, SweepResult, to_be_done_again
 
-LONGEST = 366 * 24 * 3600  # s
 LOCAL = "local"  # the name of a cluster on this machine
 GRACE = 60.0  # s, beside the limit twice, that a case may take to hear that its time is over
 FEWEST = 5  # finished cases before a time left is said
@@ -111,11 +109,7 @@ def sweep(
     """
     if jobs is not None:
         require_whole("jobs", jobs, least=1)
-    limit = None if time_limit is None else parse_number(time_limit, key="time_limit")
-    if limit is not None and not 0 < limit <= LONGEST:
-        message = f"time_limit must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(time_limit)}."
-        cure = "For example 600; without it a case may take as long as it does."
-        raise SpecError(message, key="time_limit", cure=cure)
+    limit = None if time_limit is None else read_time_limit(time_limit)
     plan = make_plan(problem, over, task=Task(kind=task, everything=everything, runs=runs), samples=samples, seed=seed)
     _require_one(plan)
     with Journal(None if out is None else Path(out), plan, anew=force) as journal:

@@ -25,6 +25,7 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
+from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
 
 Array = NDArray[np.float64]
@@ -101,6 +102,7 @@ class Ranges:
         key = (curve, low, high)
         if key not in self.known:
             h, Y = self.curves[curve], Interval(Fraction(low), Fraction(high))
+            spend(2 * h.programs.cost)
             try:
                 self.known[key] = (*value_form(h, Y).floats(), *slope_form(h, Y).floats())
             except UndefinedError:

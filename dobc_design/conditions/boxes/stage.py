@@ -22,6 +22,7 @@ from dobc_design.conditions.quadratic.decide import border_of, certified_ball, e
 from dobc_design.conditions.quadratic.propose import linear_rate
 from dobc_design.conditions.quadratic.stage import propose
 from dobc_design.conditions.separable.claim import acts_by_component
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 
 logger = logging.getLogger("dobc_design")
 
@@ -46,9 +47,13 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
         return [undecided_check("exhaustive", asked.domain, reason, applies=False)] if asked.everything else []
     report("deciding the region (exhaustive)")
     needed = 0.0 if asked.everything else math.nextafter(asked.ball, 0.0)
-    best = _shell(asked, "identity", beyond=needed)
-    if best is None or asked.everything:
-        best = _shell(asked, "full", beyond=needed if best is None else _ball(asked, best)) or best
+    with at_most(STAGE):
+        best = _shell(asked, "identity", beyond=needed)
+        if best is None or asked.everything:
+            best = _shell(asked, "full", beyond=needed if best is None else _ball(asked, best)) or best
+        cut = exhausted()
+    if best is None and cut is not None:
+        return [undecided_check("exhaustive", asked.domain, cut)]
     if best is None:
         where = "reach beyond the quadratic certificate" if asked.everything else f"cover |e| <= {asked.ball:.6g}"
         many = f"too many would be needed (at most {MOST_BOXES})"
@@ -93,7 +98,7 @@ def _grown(asked: Asked, shape: Shape, rate: Fraction, *, beyond: float) -> Shel
             most=MOST_BOXES,
             least=eigenvalue_bound(inner.lure.P_e) * claimed(beyond) ** 2,
         )
-    except (ArithmeticError, RuntimeError, ValueError) as error:
+    except (ArithmeticError, RuntimeError, ValueError, WorkLimitError) as error:
         logger.warning("no boxes (%s): %s", shape, error)
         return None
     return shell if shell is not None and _ball(asked, shell) > beyond else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from functools import partial
 from typing import Any
@@ -19,6 +20,22 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 _check = partial(Check, domain="global")
+#: Seventh power of the order times squared bits up to which (A, C) is decided; plain Python takes about 10^-12 s each.
+MOST_WORK = 5 * 10**13
+
+
+def too_large(exosystem: Exosystem) -> str | None:
+    """Why exact arithmetic with (A, C) is left out: its numbers would fill the memory; None where they do not."""
+    rows = (*exosystem.A, *exosystem.C)
+    common = math.lcm(*(x.denominator for row in rows for x in row))
+    largest = max((abs(x) for row in rows for x in row), default=Fraction(0))
+    bits = common.bit_length() + math.ceil(largest).bit_length()
+    if exosystem.order**7 * bits**2 <= MOST_WORK:
+        return None
+    reason = (
+        f"left out, because exact arithmetic takes long with an exosystem of order {exosystem.order} and numbers of"
+    )
+    return f"{reason} {bits} bits over a common denominator; fewer digits or a lower order would help."
 
 
 def observability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import product
 from random import Random
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from scipy import linalg
 
 from dobc_design.conditions.consensus.claim import reduced, with_gain
-from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
+from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate, too_large
 from dobc_design.exact import observability
 from dobc_design.exact.matrix import (
     Matrix,
@@ -43,6 +44,7 @@ from dobc_design.verdict import Verdict
 
 # Of W: random choices (each fails with probability zero; small integers may need a few), digits, and how much more
 # than the rate is asked of a proposal.
+LARGEST_PROGRAM = 24  # order up to which semidefinite programs are solved: their unknowns grow with its square
 TRIES, DIGITS, SLACK = 20, (3, 4, 6, 9, 15), (Fraction(21, 20), Fraction(1001, 1000))
 # Of P: digits, parts of the rate, the work for an exact equation, and powers of ten (the last for an unknown bound).
 PAIR_DIGITS, PAIR_SLACK, MOST_WORK, LADDER = (3, 4, 6, 9, 14), (0.9, 0.5, 0.1), 300_000, (0, 2, 6, 15, 40, 400)
@@ -208,7 +210,8 @@ def propose_pairs(
     ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about that of A - WC > 0 (1/s); the last need no solver.
     """
     why = "there was no estimate to start a solver from"
-    if bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
+    small = exosystem.order <= LARGEST_PROGRAM
+    if small and bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
         for answer, _, how in climb(_programs(exosystem, W, bound=bound, decay=decay), time_limit=time_limit):
             why = f"no proposal of a solver could be proved (the last said: {answer.status})"
             if answer.found:
@@ -216,14 +219,21 @@ def propose_pairs(
                     P = round_matrix(answer.values["P"], digits)
                     yield P, multiply(P, W), f"P was found {how}." if how else ""
     error = error_matrix(exosystem, W)
+    size = _square(exosystem)  # at least lambda_max(C C')
+    wanted = 2 * size / Fraction(-bound) if bound < 0 and math.isfinite(bound) else size
+    if not small:
+        why = f"a semidefinite program of order {exosystem.order} takes long"
+        with suppress(*GIVEN_UP):
+            near = linalg.solve_continuous_lyapunov(to_float(error).T, -np.eye(exosystem.order))
+            for factor, digits in product((1, 10, 1000), (6, 12)):
+                P = round_matrix(float(wanted * factor) * (near + near.T) / 2, digits)
+                yield P, multiply(P, W), f"P solves a Lyapunov equation about, because {why}."
     common = math.lcm(*(x.denominator for row in error for x in row))
     # Beyond so much work the exact equation takes hours, and P has more digits than a certificate can hold in any case.
     if len(error) * (len(error) + 1) // 2 * common.bit_length() > MOST_WORK:
         return
     exact = solve_lyapunov(error, identity(len(error)))
     if exact is not None:  # a (P, P W) has Omega0 = -a I and S = C C' / a, so every a large enough will do
-        size = _square(exosystem)  # at least lambda_max(C C')
-        wanted = 2 * size / Fraction(-bound) if bound < 0 and math.isfinite(bound) else size
         start = max(0, decimal_exponent(wanted) + 2) if wanted else 0
         for step in LADDER:
             P = scale(Fraction(10) ** (start + step), exact)
@@ -257,6 +267,8 @@ class GainDesign:
 
 def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limit: float = TIME_LIMIT) -> GainDesign:
     """Design W (q, m) so that A - WC decays at ``rate`` (1/s); ``time_limit`` (s) for one call of a solver."""
+    if (reason := too_large(exosystem)) is not None:
+        return GainDesign(W=None, rate=None, note=f"no W is designed: it is {reason}")
     if observability.decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
         return GainDesign(W=None, rate=None, note="no W exists: (A, C) is not detectable.")
     prefix, asked, kalman, wanted = "", "as asked", None, rate
@@ -290,6 +302,7 @@ def _candidates(
     systems = [units]
     with suppress(OverflowError):  # A is beyond the floats
         systems.insert(0, scaled_exosystem(exosystem, time=Fraction(1), output=max(Fraction(1), output)))
+    systems = systems if exosystem.order <= LARGEST_PROGRAM else []
     programs = ((_program(each, rate / each.time * slack), each.gain) for each in systems for slack in SLACK)
     for answer, unit, how in climb(programs, time_limit=time_limit):
         for W in _roundings(_gain_of(answer)):

@@ -20,6 +20,7 @@ from dobc_design.conditions import numbers
 from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
+from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import claimed, has_short_denominator, read_rational, shorten
 from dobc_design.conditions.quadratic import sectors as channels
 from dobc_design.conditions.quadratic.claim import METHODS, Lure, interval_matrix, lure_matrix, vertex_matrices
@@ -30,6 +31,7 @@ from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, multiply, to_float
 from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.problem.arrays import unreached
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -203,6 +205,10 @@ def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
     """Why no quadratic certificate applies to the loop with the gain W (q, m); None if one does."""
     if problem.groups and W is None:
         return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
+    for mode, arcs in problem.network.modes.items():
+        if alone := unreached(problem, [arcs]):
+            who = name_agents([problem.network.labels[i] for i in alone])
+            return f"does not apply: in mode {mode} no pin reaches {who}; moved together, they stay where they are."
     return None
 
 

@@ -21,6 +21,7 @@ from dobc_design.coupling.expression import polynomial_degree, variables_used
 from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval
+from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
 
 Entries = tuple[tuple[Interval, ...], ...]  # m x m
@@ -175,7 +176,7 @@ def used_couplings(problem: Problem) -> list[int]:
 
 def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
     """The hull of J over a box, entry by entry, by branch and bound on both ends."""
-    algebra = GradientAlgebra(len(box))
+    algebra, cost = GradientAlgebra(len(box)), sum(map(len, coupling.texts))
 
     @cache
     def jacobian(part: Box) -> Entries:
@@ -194,6 +195,7 @@ def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
             if -top - attained <= _TOLERANCE * max(Fraction(1), abs(top)):
                 break
             heapq.heappop(heap)
+            spend(2 * cost)
             side = max(range(len(part)), key=lambda k: part[k].width)
             for number, half in enumerate(part[side].halves()):
                 piece = (*part[:side], half, *part[side + 1 :])

@@ -8,7 +8,8 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from typing import Final
@@ -25,6 +26,7 @@ from dobc_design.conditions.quadratic.decide import (
     verify_lure,
 )
 from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate, roomy_gains
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -58,7 +60,10 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     if rows > MOST_ROWS:
         reason = f"left out, because it takes long with {rows} rows n m; it is examined up to {MOST_ROWS}."
         return [undecided_check("lure", asked.domain, reason)]
-    found = _ladder(asked, report)
+    with at_most(3 * STAGE if asked.everything else STAGE):  # there are more shapes then, and interval bounds
+        found, cut = _ladder(asked, report), exhausted()
+    if not found and cut is not None:
+        return [undecided_check("lure", asked.domain, cut)]
     if not found:
         ball = f"any ball together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help."
         reason = f"no quadratic V is found{f' for {ball}' if asked.disturbance else ', not even close to the target.'}"
@@ -67,7 +72,8 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     best = max(enough or found, key=lambda each: each.radius)
     if best.radius >= asked.ball:
         report("deciding the region (quadratic, its rate)")
-        best = _faster(asked, best)
+        with at_most(STAGE):
+            best = _faster(asked, best)
     radius, remark = 0.0 if math.isinf(best.radius) else best.radius, _remark(asked, best, found)
     starts = {"radius": radius, "disturbance": asked.disturbance}
     return [lure_check(problem, asked.W, best.lure, **starts, domain=asked.domain, remark=remark)]
@@ -87,7 +93,7 @@ def _found(asked: Asked, search: Callable[..., Lure | None], what: str, name: st
     largest = max(2 * ball, min(10 * ball, _LARGEST))
     try:
         lure = search(holds=partial(holds, asked.problem), largest=largest, enclose=roomy_gains)
-    except (ArithmeticError, RuntimeError, ValueError) as error:
+    except (ArithmeticError, RuntimeError, ValueError, WorkLimitError) as error:
         logger.warning("no quadratic proposal (%s): %s", what, error)
         return None
     radius = 0.0 if lure is None else certified_ball(asked.problem, lure, disturbance=asked.disturbance)
@@ -140,8 +146,9 @@ def _faster(asked: Asked, best: Found) -> Found:
             faster = propose(asked, best.lure.shape, rate=rate, accept=math.nextafter(asked.ball, 0.0))
             low, high, best = (low, part, best) if faster is None else (part, high, faster)
             part = (low + high) / 2 if low else high / 4
-    raised = raise_rate(asked.problem, best.lure, holds=partial(holds, asked.problem))
-    return Found(best.name, raised, best.radius)
+    with suppress(WorkLimitError):
+        best = replace(best, lure=raise_rate(asked.problem, best.lure, holds=partial(holds, asked.problem)))
+    return best
 
 
 def _remark(asked: Asked, best: Found, found: Sequence[Found]) -> str:

@@ -32,6 +32,7 @@ from dobc_design.exact.interval import Interval, log, sqrt
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -294,7 +295,11 @@ def settling_stage(
         return undecided_check("settling", domain, asked)
     report("deciding the settling time")
     try:
-        found = settle(problem, W, asked, progress=report)
+        with at_most(STAGE):
+            spend(0)
+            found = settle(problem, W, asked, progress=report)
+    except WorkLimitError as limit:
+        return undecided_check("settling", domain, str(limit))
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no settling time: %s", error)
         return undecided_check("settling", domain, "no settling time is found: a numerical library broke down.")

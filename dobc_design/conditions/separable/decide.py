@@ -30,6 +30,7 @@ from dobc_design.exact.floats import Floats, float_bounds
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
+from dobc_design.exact.work import spend
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -215,9 +216,10 @@ def decide_row(
     if _by_floats(row, face, profiles, limit=limit, whole=whole):
         return Verdict.PROVED, None
     sides = _sides(row, face, profiles, whole)
-    waiting, count = [whole], 0
+    waiting, count, price = [whole], 0, _price(row, profiles)
     while waiting:
         S = waiting.pop()
+        spend(price)
         count += 1
         if upper_bound(sides, S).hi <= limit:
             continue
@@ -233,11 +235,12 @@ def decide_row(
 def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fraction, whole: Interval) -> bool:
     """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones are left to decide."""
     try:
-        waiting, count = [Floats.around(whole)], 0
+        waiting, count, price = [Floats.around(whole)], 0, _price(row, profiles)
         most, near = float_bounds(limit)[0], float(limit - abs(limit) / 10**9)
         sides = _sides(row, face, profiles, waiting[0])
         while waiting:
             S = waiting.pop()
+            spend(price)
             if upper_bound(sides, S).top <= most:
                 continue
             count += 1
@@ -263,7 +266,7 @@ def _row_rate(row: Row, face: int, profiles: Sequence[Profile], *, rho: Fraction
 
 
 def _rate_on(S: Interval, row: Row, face: int, profiles: Sequence[Profile], *, enough: Fraction) -> Fraction:
-    sides = _sides(row, face, profiles, S)
+    sides, price = _sides(row, face, profiles, S), _price(row, profiles)
     count, heap = 0, [(-upper_bound(sides, S).hi, 0, S)]
     attained = lower_bound(sides, S.ends()[1])
     while True:
@@ -272,11 +275,17 @@ def _rate_on(S: Interval, row: Row, face: int, profiles: Sequence[Profile], *, e
         slack = TOLERANCE * max(abs(row.gain * row.own - attained), row.own * TOLERANCE)
         if rate >= enough or -top - attained <= slack or count >= MOST_PIECES:
             return rate
+        spend(2 * price)
         heapq.heappop(heap)
         attained = max(attained, lower_bound(sides, S.middle()))
         for half in S.halves():
             count += 1
             heapq.heappush(heap, (-min(upper_bound(sides, half).hi, -top), count, half))
+
+
+def _price(row: Row, profiles: Sequence[Profile]) -> int:
+    """Steps that one piece of a row takes, about."""
+    return sum(profiles[term.coupling].curve.programs.cost for term in row.terms)
 
 
 def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
-from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.separable import checks, propose
@@ -17,6 +17,7 @@ from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import coupling_profiles, covers, verify_separable
 from dobc_design.conditions.separable.propose import SeparablePlan
 from dobc_design.conditions.separable.timing import longest_delay
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.verdict import Verdict
 
 logger = logging.getLogger("dobc_design")
@@ -43,7 +44,11 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
         return [undecided_check("max-separable", domain, reason, applies=False)]
     if (stuck := checks.stuck_check(problem, W, domain=domain)) is not None:
         return [stuck]
-    claim, radius = _largest_claim(asked)
+    with at_most(STAGE):
+        claim, radius = _largest_claim(asked)
+        cut = exhausted()
+    if claim is None and cut is not None:
+        return [undecided_check("max-separable", domain, cut)]
     if claim is None:
         reason = "no v is found"
         if domain != "global":
@@ -51,7 +56,7 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
         if domain != "global" and asked.disturbance:
             reason += f" together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help"
         return [undecided_check("max-separable", domain, f"{reason}.")]
-    told = _remark(asked, claim, radius)
+    told = _remark(asked, claim, radius) if cut is None else f" The search for a larger box was {cut}"
     check = checks.max_separable_check(
         problem, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told
     )
@@ -106,11 +111,14 @@ def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable
     """The plan as a certificate that covers the box, proved, with a little of its rate in hand; None if none is."""
     if plan is None:
         return None
-    claim = _covering(asked, radius, plan)
-    if claim is None and asked.domain != "global":
-        # A steep v compares agents so far apart that a coupling may leave every range there.
-        flatter = (_covering(asked, radius, each) for each in propose.flatter_plans(asked.problem, plan))
-        claim = next((each for each in flatter if each is not None), None)
+    try:
+        claim = _covering(asked, radius, plan)
+        if claim is None and asked.domain != "global":
+            # A steep v compares agents so far apart that a coupling may leave every range there.
+            flatter = (_covering(asked, radius, each) for each in propose.flatter_plans(asked.problem, plan))
+            claim = next((each for each in flatter if each is not None), None)
+    except WorkLimitError:  # the boxes proved so far remain
+        return None
     return claim
 
 
@@ -133,14 +141,19 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
         return [undecided_check(id, asked.domain, reason) for id in ("delay", "sampling")]
     report("deciding delays and sampling")
     fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
-    bound = longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4))
-    if bound is None:
-        delay = undecided_check("delay", asked.domain, "no delay is found that leaves half the rate.")
-    else:
+
+    def delay() -> Check:
+        bound = longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4))
+        if bound is None:
+            return undecided_check("delay", asked.domain, "no delay is found that leaves half the rate.")
         bound = replace(bound, rate=rounded_down(bound.rate * (1 - IN_HAND), digits=6))
-        delay = checks.delay_check(problem, claim, bound, check, domain=asked.domain)
-    own = _flatter_claim(asked, claim, check)
-    return [delay, checks.sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)]
+        return checks.delay_check(problem, claim, bound, check, domain=asked.domain)
+
+    def sampling() -> Check:
+        own = _flatter_claim(asked, claim, check)
+        return checks.sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)
+
+    return [limited("delay", asked.domain, delay), limited("sampling", asked.domain, sampling)]
 
 
 def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | None:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise, product
 from typing import Any
 
 from dobc_design.certification.certify import certify
@@ -40,7 +40,7 @@ from dobc_design.verdict import Verdict
 
 NEARLY = 0.98  # of the rate that is aimed at: a proof with less is looked for again
 NEAREST = Fraction(9, 10)  # of the fastest rate, where the one asked for cannot be had; more takes very large gains
-MOST_TRIES = 4  # proposals that are certified
+MOST_TRIES, MOST_QUICK = 4, 15  # proposals that are certified: over a region, near the consensus
 SLOWEST, QUICKEST = 0.25, 4.0  # rates of a curve, of the design's own or of its observer's
 FASTEST = 1.9  # of a design that aims at half of the fastest rate
 SPEEDS = (2, 4)  # of further observers, in units of the slowest that is worth trying
@@ -130,19 +130,32 @@ class Proposal:
 
 def search_design(problem: Problem, request: DesignRequest, progress: Progress) -> Design:
     """Decide a request; one that is refuted or undecided comes with the nearest one that was proved possible."""
-    found = _attempt(problem, request, progress)
+    slower = list[Design]()
+    found = _attempt(problem, request, progress, slower=slower)
     if found.verdict is Verdict.PROVED:
         return found
     for weaker, part in _weaker(problem, request, found):
         progress("looking for the nearest possible request")
         nearest = _attempt(problem, weaker, progress, part=part)
         if nearest.verdict is Verdict.PROVED:
-            return replace(found, nearest=_tightened(request, nearest))
-    return found
+            slower += [nearest]
+            break
+    if not slower:
+        return found
+    same = [each for each in slower if replace(each.request, rate=request.rate) == request]  # but for the rate
+    return replace(found, nearest=_tightened(request, max(same or slower, key=lambda each: each.rate or 0.0)))
 
 
-def _attempt(problem: Problem, request: DesignRequest, progress: Progress, *, part: Fraction = HALF) -> Design:
-    """Decide one request: PROVED with a certificate, REFUTED with a statement, or UNDECIDED with the reason."""
+def _attempt(
+    problem: Problem,
+    request: DesignRequest,
+    progress: Progress,
+    *,
+    part: Fraction = HALF,
+    slower: list[Design] | None = None,
+) -> Design:
+    """Decide one request: PROVED with a certificate, REFUTED with a statement, or UNDECIDED with the reason.  Designs
+    that are proved, but not at the rate asked for, are added to ``slower``."""
     progress("looking for what is impossible")
     changes, decisions, obstacle = reduced_exosystem(problem, reduce=request.reduce)
     bare = changed_problem(problem, {"pinning.gains": None, **changes})
@@ -165,12 +178,22 @@ def _attempt(problem: Problem, request: DesignRequest, progress: Progress, *, pa
     if observer is not None and observer.W is None:
         none = "no observer gain was found that does what was asked, and no proof that there is none."
         return ground.nothing(Verdict.UNDECIDED, none)
-    reason, tries = "", 0
-    for proposal in islice(of_region(ground), MOST_TRIES):
+    reason, tries, best = "", 0, None
+    for proposal in islice(of_region(ground), MOST_QUICK if bare.region is None else MOST_TRIES):
         design = _certified(ground, proposal)
-        if design.verdict is Verdict.PROVED:
+        if design.verdict is Verdict.PROVED and part <= HALF:
             return design
+        if design.verdict is Verdict.PROVED:  # as fast as possible: while a faster observer still buys much
+            if best is not None and (design.rate or 0.0) <= DECISIVE * (best.rate or 0.0):
+                break
+            best = design
         reason, tries = design.reason, tries + 1
+        proof = design.certificate
+        if slower is not None and proof is not None and proof.verdict is Verdict.PROVED and design.rate:
+            found = replace(design, verdict=Verdict.PROVED, reason=proof.reason)
+            slower.append(replace(found, request=replace(request, rate=None)))
+    if best is not None:
+        return best
     if tries:
         text = f"{counted(tries, 'design')} were tried, none was proved to do; the last: {reason}"
         return ground.nothing(Verdict.UNDECIDED, text)
@@ -194,10 +217,11 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         wanted |= gain_changes(problem, W)
     designed = changed_problem(problem, wanted)
     ground.progress("certifying the design")
-    proof, whole = certify(designed), ""
+    proof, whole = certify(designed, progress=ground.progress), ""
     hoped = proposal.aim * NEARLY if request.rate is not None or ground.part > HALF else 0.0
     if proof.verdict is Verdict.PROVED and (proof.rate or 0.0) < hoped and designed.is_linear and designed.region:
-        proof = certify(designed, everything=True)  # a proof of every start came first, with a lower rate
+        # A proof of every start came first, with a lower rate.
+        proof = certify(designed, everything=True, progress=ground.progress)
         whole = " That rate is proved when every condition is run (dobc certify --all)."
     verdict = Verdict.PROVED if proof.verdict is Verdict.PROVED else Verdict.UNDECIDED
     reason = proof.reason
@@ -340,16 +364,17 @@ def of_consensus(ground: Ground) -> Iterator[Proposal]:
     if request.rate is None:
         agents, rates = _slow_start(ground)
     else:
-        rates = [request.rate * pad for pad in PADS]
-    for observer in ground.every_observer():
-        for rate in rates:
-            ground.progress("looking for gains near the consensus")
-            found = ground.pinning(rate, agents, request.pins or FEWEST)
-            if found.verdict is not Verdict.PROVED:
-                break
-            gains = {ground.problem.network.index[label]: k for label, k in found.gains.items()}
-            prices = (*found.prices, *found.ties)
-            yield Proposal(observer=observer, gains=gains, pinned=tuple(gains), aim=float(rate), prices=prices)
+        # The pair (P, Q) is chosen for nine tenths of what the network alone reaches: hence 9/8.
+        rates = [request.rate * pad for pad in sorted((*PADS, Fraction(9, 8)))]
+    # A faster observer may do more than a little more gain.
+    for observer, rate in chain(*(product(ground.every_observer(), part) for part in (rates[:2], rates[2:]))):
+        ground.progress("looking for gains near the consensus")
+        found = ground.pinning(rate, agents, request.pins or FEWEST)
+        if found.verdict is not Verdict.PROVED:
+            continue
+        gains = {ground.problem.network.index[label]: k for label, k in found.gains.items()}
+        prices = (*found.prices, *found.ties)
+        yield Proposal(observer=observer, gains=gains, pinned=tuple(gains), aim=float(rate), prices=prices)
 
 
 def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:

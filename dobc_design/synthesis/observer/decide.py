@@ -154,7 +154,7 @@ def sampled_statements(
         if isinstance(region, Disk):
             text = f"every eigenvalue of the sampled error lies in {region}".replace("|s", "|z")
             asked.append(("region", text, region.centre, Interval.point(region.radius)))
-    shown = {"period": number_text(period), "width": f"{float(max(x.width for x in polynomial)):.1e}"}
+    shown = {"period": number_text(period), "width": f"{float_above(max(x.width for x in polynomial)):.1e}"}
 
     def state(kind: str, text: str, centre: Fraction, radius: Interval) -> Statement:  # the radius is enclosed as well
         if exponential.interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.lo)) is Verdict.PROVED:

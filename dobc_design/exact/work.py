@@ -1,0 +1,98 @@
+"""Work that is counted, so that every stage ends: steps of interval arithmetic, not seconds.
+
+A stage opens ``at_most``, loops inside ``spend``; what is spent does not depend on caches, so the same input ends at
+the same place.  A clock enters only where a user asks for one (``until``).  Elsewhere nothing is limited.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Final
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import shown
+
+LONGEST: Final = 366 * 24 * 3600  # s
+
+
+def read_time_limit(value: Any, *, key: str = "time_limit") -> Fraction:
+    """A number of seconds > 0, at most a year.  Raises: SpecError with ``key`` for anything else."""
+    seconds = parse_number(value, key=key)
+    if not 0 < seconds <= LONGEST:
+        message = f"{key} must be a number of seconds > 0, at most {LONGEST} (a year); got {shown(value)}."
+        raise SpecError(message, key=key, cure="For example 600; without it nothing is cut off by a clock.")
+    return seconds
+
+
+class WorkLimitError(Exception):
+    """A stage may not go on; the text is the reason of its undecided check."""
+
+
+@dataclass(slots=True)
+class _Account:
+    granted: int
+    left: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Clock:
+    seconds: float
+    end: float
+
+
+#: What one stage of `certify` may take.
+STAGE: Final = 300_000
+_ACCOUNT: Final[ContextVar[_Account | None]] = ContextVar("account", default=None)
+_CLOCK: Final[ContextVar[_Clock | None]] = ContextVar("clock", default=None)
+
+
+@contextmanager
+def at_most(steps: int) -> Iterator[None]:
+    """Let the calls inside spend so many steps, about 20 microseconds each."""
+    token = _ACCOUNT.set(_Account(steps, steps))
+    try:
+        yield
+    finally:
+        _ACCOUNT.reset(token)
+
+
+@contextmanager
+def until(seconds: float | None) -> Iterator[None]:
+    """Let the accounts inside end so many seconds from now; None: no clock."""
+    token = _CLOCK.set(None if seconds is None else _Clock(seconds, time.monotonic() + seconds))
+    try:
+        yield
+    finally:
+        _CLOCK.reset(token)
+
+
+def out_of_time() -> str | None:
+    """Why nothing new may begin, where the time limit is over; else None."""
+    clock = _CLOCK.get()
+    over = clock is not None and time.monotonic() >= clock.end
+    return f"left out or cut off, because the time limit of {clock.seconds:g} s is over." if clock and over else None
+
+
+def exhausted() -> str | None:
+    """Why the open account gives nothing more; None while it does, and without one."""
+    account = _ACCOUNT.get()
+    if account is None:
+        return None
+    if account.left < 0:
+        return f"cut off after {account.granted} steps of interval arithmetic, the most that one stage may take."
+    return out_of_time()
+
+
+def spend(steps: int) -> None:
+    """Take steps from the open account.  Raises: WorkLimitError where it is used up, or the time is."""
+    account = _ACCOUNT.get()
+    if account is not None:
+        account.left -= steps
+        if (why := exhausted()) is not None:
+            raise WorkLimitError(why)

@@ -1,0 +1,193 @@
+"""Inputs that once ran for minutes or filled the memory end soon, with a verdict that both programs confirm.
+
+Measured in a child process; the bounds are several times what is needed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from random import Random
+
+import pytest
+
+import dobc_design as dd
+from dobc_design.coupling.enclosures import Curve, profile
+from dobc_design.coupling.expression import parse_expression
+from dobc_design.exact.number import number_key
+from dobc_design.exact.work import WorkLimitError, at_most, exhausted, out_of_time, spend, until
+
+RING = "a = [[1, 2], [2, 3], [3, 1]]"
+CHILD = """
+import resource, runpy, sys
+resource.setrlimit(resource.RLIMIT_CPU, (120, 120))
+resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
+sys.argv = sys.argv[1:]
+runpy.run_module("dobc_design", run_name="__main__")
+"""
+
+
+def problem_text(h: str = "sin(y)", *, modes: str = RING, more: str = "", region: str = "[-0.5, 0.5]") -> str:
+    start = f"[region]\ninitial_states = {region}\n" if region else ""
+    network = f'target = 0\n[network]\nagents = 3\narrow = "listens_to"\n[network.modes]\n{modes}\n'
+    return f'{network}[coupling]\nh = "{h}"\n[pinning]\ngains = 2\n{more}{start}'
+
+
+def dense(order: int) -> str:
+    random = Random(order)
+    rows = [[f'"{random.randint(-99, 99)}/{random.randint(1, 97)}"' for _ in range(order)] for _ in range(order + 1)]
+    A, C = (f"[{', '.join('[' + ', '.join(row) + ']' for row in part)}]" for part in (rows[1:], rows[:1]))
+    return f"[exosystem]\nA = {A}\nC = {C}\n"
+
+
+def many_modes(count: int) -> str:
+    return "\n".join(f"m{i} = [[1, 2], [2, 3], [3, 1, {1 + i}]]" for i in range(count))
+
+
+def ran(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    child = [sys.executable, "-c", CHILD, "dobc", *arguments]
+    return subprocess.run(child, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
+
+
+NESTED = "tan(" * 45 + "y" + ")" * 45
+HANGS = {
+    "touches": (problem_text("log(1+y**2)+y", modes="a = [[1, 2], [2, 3], [3, 1]]\nb = [[1, 3], [3, 2], [2, 1]]"), 0),
+    "tower": (problem_text("(((y+1)**64+y)**64+y)**64 - 1"), 3),
+    "nested": (problem_text(NESTED), 3),
+    "modes": (problem_text(modes=many_modes(3000)), 0),
+    "order 40": (problem_text("y", more=dense(40), region=""), 3),
+    "order 200": (problem_text("y", more=dense(200), region=""), 3),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
+@pytest.mark.parametrize("name", HANGS)
+def test_what_hung_ends_with_a_certificate_that_both_programs_confirm(name: str, tmp_path: Path):
+    """Problems whose stages had no limit: pieces of an interval, bits of a number, modes, orders."""
+    text, code = HANGS[name]
+    (tmp_path / "problem.toml").write_text(text, encoding="utf-8")
+    found = ran(tmp_path, "certify", "problem.toml", "--no-report", "--out", "out")
+    assert found.returncode == code, found.stderr[-500:]
+    again = ran(tmp_path, "verify", "out/certificate.json", "--problem", "problem.toml", "--json")
+    assert again.returncode == 0, again.stdout[-500:]
+
+
+@pytest.mark.parametrize("radius", [1, "7/5"])
+def test_a_slope_that_only_touches_zero_takes_few_cells(radius: str | int):
+    """h = log(1 + y^2) + y has h' = (1 + y)^2/(1 + y^2) >= 0, which is 0 at y = -1 alone: 20,000 cells before."""
+    curve = Curve(parse_expression("log(1+y**2)+y"))
+    with at_most(10_000):
+        cells = profile(curve, dd.exact.parse_number(radius, key="radius")).cells
+    assert len(cells) < 10
+    assert all(cell.direction >= 0 for cell in cells)
+
+
+def test_work_beyond_an_account_is_refused_and_without_one_nothing_is_counted():
+    spend(10**9)
+    with at_most(10):
+        spend(10)
+        assert exhausted() is None
+        with pytest.raises(WorkLimitError, match="10 steps of interval arithmetic"):
+            spend(1)
+        assert exhausted() is not None
+    assert exhausted() is None
+
+
+def test_a_stage_without_work_left_is_undecided_and_says_so(monkeypatch: pytest.MonkeyPatch):
+    """Every region stage opens an account of its own; Lemma 1 needs none."""
+    for stage in ("separable", "quadratic", "boxes"):
+        monkeypatch.setattr(f"dobc_design.conditions.{stage}.stage.STAGE", 5)
+    certificate = dd.certify("paper-fixed", everything=True)
+    cut = {check.id for check in certificate.checks if "cut off after 5 steps" in check.reason}
+    assert {"max-separable", "lure"} <= cut
+    assert certificate.check("lemma1").verdict is dd.Verdict.PROVED
+    assert dd.verify(certificate, "paper-fixed").holds
+
+
+def test_a_time_limit_leaves_out_the_stages_after_it_and_the_certificate_says_so():
+    certificate = dd.certify("paper-fixed", everything=True, time_limit="1e-9")
+    late = {check.id for check in certificate.checks if "time limit of 1e-09 s" in check.reason}
+    assert {"theorem1", "max-separable", "lure"} <= late
+    assert any("time limit" in note for note in certificate.claims.notes)
+    assert certificate.claims.options[-1].startswith("--time-limit ")
+    assert dd.verify(certificate, "paper-fixed").holds
+    with until(None):
+        assert out_of_time() is None
+
+
+@pytest.mark.parametrize("wrong", ["0", "-1", "nan", "soon", "1e9"])
+def test_a_wrong_time_limit_is_refused_by_its_name(wrong: str, tmp_path: Path):
+    found = ran(tmp_path, "certify", "paper-fixed", "--time-limit", wrong, "--json")
+    assert found.returncode == 2
+    assert json.loads(found.stdout)["error"]["key"] == "--time-limit"
+
+
+def loaded(folder: Path, text: str) -> dd.Problem:
+    (folder / "problem.toml").write_text(text, encoding="utf-8")
+    return dd.load_problem(folder / "problem.toml")
+
+
+def test_agents_that_no_pin_reaches_leave_out_quadratic_proofs(tmp_path: Path):
+    """Moved together they stay where they are, so no V decreases."""
+    text = problem_text(modes="a = [[1, 2], [2, 3], [3, 2]]").replace("gains = 2", "gains = { 1 = 2 }")
+    problem = loaded(tmp_path, text)
+    certificate = dd.certify(problem)
+    assert certificate.verdict is dd.Verdict.REFUTED
+    assert certificate.check("lure").reason.startswith("does not apply: in mode a no pin reaches agents 2 and 3")
+    assert dd.verify(certificate, problem).holds
+
+
+def test_numbers_of_one_hash_have_different_keys():
+    """hash(k (2^61 - 1)) = 0 for every k."""
+    numbers = [k * (2**61 - 1) for k in range(100)]
+    assert len(set(map(hash, numbers))) == 1
+    assert len({hash(number_key(number)) for number in numbers}) == 100
+    assert number_key(1) != number_key("1/1")
+
+
+FIVE = """
+[network]
+agents = 5
+arrow = "listens_to"
+[network.modes]
+a = [[1, 2], [1, 3], [1, 4], [2, 4], [2, 5], [3, 2], [3, 5], [4, 1], [4, 5], [5, 1], [5, 2]]
+[coupling]
+h = "y"
+[exosystem]
+A = [[0]]
+C = [[1]]
+"""
+
+
+def test_a_faster_observer_reaches_a_rate_that_gains_alone_do_not(tmp_path: Path):
+    """Pins on 2 and 5 with gain 12 and W = 5 are certified at 1.046 1/s; 0.9 was once undecided."""
+    stages: list[str] = []
+    found = dd.design(loaded(tmp_path, FIVE), rate="0.9", pins=2, progress=stages.append)
+    assert (found.verdict, set(found.gains)) == (dd.Verdict.PROVED, {"2", "5"})
+    assert found.rate is not None
+    assert found.rate >= 0.9
+    assert "deciding the theorem" in stages
+
+
+@pytest.mark.parametrize("rate", ["1.15", "1.6"])
+def test_the_nearest_request_is_the_fastest_that_was_proved(rate: str, tmp_path: Path):
+    """Gains of 12 on agents 2 and 5 and W = 5 are certified at 1.046 1/s, so that less is not the nearest."""
+    found = dd.design(loaded(tmp_path, FIVE), rate=rate, pins=2)
+    assert found.verdict is dd.Verdict.UNDECIDED
+    assert found.nearest is not None
+    assert (found.nearest.rate or 0) >= 1
+
+
+@pytest.mark.parametrize(("arcs", "radius"), [("[2, 1]", "1.6"), ("[2, 1, 1.02]", "1.81")])
+def test_designs_for_a_wide_region_of_a_sine_are_found(arcs: str, radius: str, tmp_path: Path):
+    """sin falls beyond pi/2, which differences of these starts reach; small gains on both of two agents do."""
+    text = problem_text(modes=f"a = [{arcs}]", region=f"[-{radius}, {radius}]").replace("agents = 3", "agents = 2")
+    problem = loaded(tmp_path, text.replace("[pinning]\ngains = 2\n", ""))
+    found = dd.design(problem)
+    assert found.verdict is dd.Verdict.PROVED
+    assert found.problem is not None
+    assert dd.verify(dd.certify(found.problem), found.problem).holds

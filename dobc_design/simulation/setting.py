@@ -24,7 +24,7 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
-from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, no_gain
+from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, no_gain, require_floats
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import finite_array, not_negative, positive, put, seconds, whole
@@ -359,7 +359,7 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
         message = f"must be one of {', '.join(OBSERVERS)}; got {str(observer)[:40]}."
         raise wrong("observer", message, '"closed-form" is the fast one.')
     horizon = seconds(problem.simulation.t_final if t_final is None else t_final, "t_final", example="20")
-    loop = make_loop(problem, no_gain(problem) if observer == "off" and gain is None else gain)
+    loop = make_loop(require_floats(problem), no_gain(problem) if observer == "off" and gain is None else gain)
     times, notes = _times(given.get("samples"), horizon, loop.n * (4 * loop.m + 2 * loop.q))
     if stress is not None:
         stress.failing(problem)  # refuses agents that are not there

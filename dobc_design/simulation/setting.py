@@ -26,6 +26,7 @@ from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
 from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, no_gain, require_floats
 from dobc_design.problem.load import read_bytes
+from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import finite_array, not_negative, positive, put, seconds, whole
 from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, make_loop
@@ -141,11 +142,12 @@ class Stress(Shown):
     def failing(self, problem: Problem) -> dict[int, Failure]:
         """Failures by the agent's index.  Raises: SpecError for an agent that is not there."""
         places = {label: place for place, label in enumerate(problem.network.labels)}
-        for each in self.failures:
-            if each.agent not in places:
+        failures = {one_form(each.agent): each for each in self.failures}
+        for label, each in failures.items():
+            if label not in places:
                 cure = f"Labels are {', '.join(problem.network.labels[:6])}, ..."
                 raise wrong("failures", f"names {shown(each.agent)}, and no agent has this label.", cure)
-        return {places[each.agent]: each for each in self.failures}
+        return {places[label]: each for label, each in failures.items()}
 
     def __str__(self) -> str:
         words = []

@@ -126,6 +126,13 @@ class Journal:
             self.stream.close()  # which also unlocks it
 
 
+def _cell(value: Any) -> Any:
+    """A cell of a CSV file; an apostrophe before text that a spreadsheet would take for a formula."""
+    text = str(value).lower() if isinstance(value, bool) else value
+    formula = isinstance(text, str) and text.startswith(("=", "+", "-", "@", "\t", "\r")) and number_of(text) is None
+    return f"'{text}" if formula else text
+
+
 def _is_line(line: Any, plan: Plan) -> bool:
     """Whether this is the line of a case of the plan: every field of its type, numbers finite."""
     if not isinstance(line, dict) or set(line) != FIELDS or type(line["case"]) is not int:
@@ -277,9 +284,8 @@ class SweepResult(Shown):
         else:  # UTF-8 with a header; nothing stands for what is not there
             text = io.StringIO(newline="")
             writer = csv.writer(text)
-            writer.writerow(self.columns)
-            for row in self.rows:
-                writer.writerow([str(value).lower() if isinstance(value, bool) else value for value in row.values()])
+            writer.writerow(map(_cell, self.columns))
+            writer.writerows(map(_cell, row.values()) for row in self.rows)
             data = text.getvalue().encode("utf-8")
         write_atomically(target, data)
         return target

@@ -46,11 +46,11 @@ class _AsTyped:
         super().format_help(ctx, formatter)  # type: ignore[misc]
 
 
-class _Group(_AsTyped, TyperGroup):
+class _Group(_AsTyped, TyperGroup):  # type: ignore[misc]
     """The commands."""
 
 
-class _Command(_AsTyped, TyperCommand):  # type: ignore[misc]
+class _Command(_AsTyped, TyperCommand):
     """One of them."""
 
 

@@ -150,3 +150,24 @@ def test_a_million_dots_and_a_million_joined_buses_are_read_in_linear_time():
         read_matpower("." * 2_000_000, name="x.m")
     labels = list(map(str, range(1_000_000)))
     assert set(merged(labels, list(pairwise(labels))).values()) == {"0"}
+
+
+def test_help_shows_brackets_and_colons_as_they_are_typed():
+    for command, typed in (("sweep", "KEY=1:100:5:log"), ("simulate", "[switching]")):
+        done = subprocess.run(
+            [sys.executable, "-m", "dobc_design", command, "--help"],
+            capture_output=True,
+            check=False,
+            timeout=120,
+            env=os.environ | {"COLUMNS": "200", "TERM": "dumb"},
+        )
+        assert typed in done.stdout.decode()
+
+
+def test_a_certificate_that_fails_confirms_no_verdict():
+    certificate = dd.certify("clock-sync")
+    other = dd.Problem(network=dd.Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1})
+    found = dd.verify(certificate, other)
+    assert not found.holds
+    assert "verdict proved" not in str(found) and "no verdict is confirmed" in str(found)
+    assert "verdict proved" in str(dd.verify(certificate, dd.load_problem("clock-sync")))

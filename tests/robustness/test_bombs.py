@@ -20,7 +20,7 @@ from dobc_design.errors import SpecError
 from dobc_design.importing.grids import merged, read_matpower
 from dobc_design.problem.arrays import require_floats
 from dobc_design.sweeps.plan import Task, make_plan
-from dobc_design.sweeps.result import SweepResult, _is_line
+from dobc_design.sweeps.result import SweepResult, _cell, _is_line
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="memory limits and devices of Unix")
 WITHIN = "import resource, sys\nresource.setrlimit(resource.RLIMIT_AS, (3 << 30,) * 2)\n"
@@ -171,3 +171,8 @@ def test_a_certificate_that_fails_confirms_no_verdict():
     assert not found.holds
     assert "verdict proved" not in str(found) and "no verdict is confirmed" in str(found)
     assert "verdict proved" in str(dd.verify(certificate, dd.load_problem("clock-sync")))
+
+
+def test_a_cell_of_csv_is_no_formula_and_numbers_stay_numbers():
+    assert [_cell(x) for x in ("=1+1", "@a", "-y", "+a", "\t=1")] == ["'=1+1", "'@a", "'-y", "'+a", "'\t=1"]
+    assert [_cell(x) for x in ("-1.5", -1.5, "y", True, None, "+3")] == ["-1.5", -1.5, "y", "true", None, "+3"]

@@ -34,6 +34,19 @@ class DobcError(Exception):
         return self.message + joint + self.cure
 
 
+def reason_of(error: Exception) -> str:
+    """What is wrong with a file whose reading raised this, in words of the file and not of Python."""
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    if isinstance(error, KeyError):
+        return f"it has no {error}"
+    if isinstance(error, UnicodeDecodeError):
+        return f"byte {error.start} is not UTF-8"
+    return (
+        str(error) if isinstance(error, (DobcError, ValueError, SyntaxError)) else "a value in it is of the wrong kind"
+    )
+
+
 class SpecError(DobcError, ValueError):
     """The problem as given cannot be used: the caller's mistake."""
 

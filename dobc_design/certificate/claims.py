@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final
 
+from dobc_design._show.text import visible
 from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.consensus import claim as consensus
@@ -19,7 +20,7 @@ from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.claim import SamplingBound
-from dobc_design.errors import CertificateError
+from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -79,7 +80,7 @@ def reading_claims() -> Iterator[None]:
     try:
         yield
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        what = f"a regional check of this certificate cannot be read ({type(error).__name__}: {str(error)[:100]})."
+        what = f"a regional check of this certificate cannot be read ({visible(reason_of(error)[:100])})."
         raise CertificateError(what, key="checks", cure="dobc verify says which.") from error
 
 

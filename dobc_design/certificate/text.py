@@ -20,7 +20,7 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check, check_from_json, number_or_none, require_keys
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.numbers import LONGEST, VECTOR_BITS, has_short_denominator, read_rational
-from dobc_design.errors import CertificateError, SpecError
+from dobc_design.errors import CertificateError, SpecError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.verdict import Verdict
@@ -72,7 +72,7 @@ def read_claims(data: bytes) -> Claims:
         said = visible(str(error)[:300])
         raise CertificateError(f"the certificate cannot be read: {said}", cure="Make it again.") from None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, ArithmeticError) as error:
-        what = f"the certificate cannot be read: {type(error).__name__}: {visible(str(error)[:200])}."
+        what = f"the certificate cannot be read: {visible(reason_of(error)[:200])}."
         raise CertificateError(what, cure="Make it again with `dobc certify`.") from None
 
 

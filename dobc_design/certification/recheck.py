@@ -24,7 +24,7 @@ from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
-from dobc_design.errors import CertificateError, DobcError
+from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 from dobc_design.problem.groups import blocks_of
@@ -53,8 +53,9 @@ HOW = "python -I -S dobc_design/checker certificate.json problem.json"
 class Recheck(Shown):
     """The outcome of checking a certificate.
 
-    ``holds``: every claim holds and the claimed verdict follows.  ``confirmed`` and ``failures`` list
-    the checks by title, the failures with what is wrong.  ``lone_checker`` says what the lone checker found.
+    ``verdict`` is what the certificate claims; it counts if it ``holds``: every claim holds and the verdict follows.
+    ``confirmed`` and ``failures`` list the checks by title, the failures with what is wrong.  ``lone_checker`` says
+    what the lone checker found.
     """
 
     verdict: Verdict
@@ -71,7 +72,7 @@ class Recheck(Shown):
         failed = [(text, "NOT confirmed") for text in self.failures]
         return Card(
             title="Recheck",
-            verdict=self.verdict.value,
+            verdict=self.verdict.value if self.holds else None,
             text="Every claim holds." if self.holds else f"{len(self.failures)} claim(s) do not hold.",
             heads=("claim", "outcome"),
             rows=[*failed, *((title, "confirmed") for title in self.confirmed)],
@@ -80,7 +81,7 @@ class Recheck(Shown):
 
     def __str__(self) -> str:
         head = "every claim holds" if self.holds else f"{len(self.failures)} claim(s) do not hold"
-        rows = [f"{head}; verdict {self.verdict.value}."]
+        rows = [f"{head}; {f'verdict {self.verdict.value}' if self.holds else 'no verdict is confirmed'}."]
         rows += [f"  confirmed: {title}" for title in self.confirmed]
         rows += [f"  NOT confirmed: {text}" for text in self.failures]
         return "\n".join([*rows, f"  lone checker: {self.lone_checker}"])
@@ -177,7 +178,7 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
                 reason = confirm(check, trusted)
                 read = replace(check, claim=claim_of(check, problem, claims.W)) if reason is None else check
             except (DobcError, ArithmeticError, ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
-                reason = f"it cannot be evaluated ({type(error).__name__}: {str(error)[:120]})"
+                reason = f"it cannot be evaluated ({reason_of(error)[:120]})"
             if reason is None:
                 confirmed.append(read)
             else:

@@ -10,14 +10,17 @@ from __future__ import annotations
 
 import errno
 import io
+import logging
 import os
 import sys
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from dobc_design._signals import SENTENCE
 from dobc_design.cli import certify, design, doctor, export, new, output, report, simulate, sweep
@@ -27,7 +30,32 @@ COMPLETING = "_DOBC_COMPLETE"  # set by a shell that wants to know how a word ma
 TOLD = ("title", "statement", "plain", "meaning", "proved", "refuted", "source")  # of a condition
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
 
+
+class _AsTyped:
+    """Help as it is written: rich's markup would drop [words] and turn :100: into a picture."""
+
+    params: list[Any]
+    help: str | None
+    commands: Mapping[str, Any] = {}
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Keep brackets and colons from being markup, then show the help."""
+        for each in (self, *self.params, *self.commands.values()):
+            if each.help:
+                each.help = each.help.replace("[", r"\[").replace(":", ":[b][/b]")
+        super().format_help(ctx, formatter)  # type: ignore[misc]
+
+
+class _Group(_AsTyped, TyperGroup):  # type: ignore[misc]
+    """The commands."""
+
+
+class _Command(_AsTyped, TyperCommand):
+    """One of them."""
+
+
 app = typer.Typer(
+    cls=_Group,
     # typer's own options for it cost a tenth of the time of --help; those of ``options`` load them when they are used.
     add_completion=COMPLETING in os.environ,
     no_args_is_help=False,
@@ -76,7 +104,7 @@ def options(
     """Certify disturbance-observer-based consensus control: from a problem file to a proof."""
 
 
-@app.command()
+@app.command(cls=_Command)
 def problems(as_json: output.Json = False) -> None:
     """List the built-in problems."""
     from dobc_design.problem.load import builtin_names, builtin_summary
@@ -90,10 +118,10 @@ def problems(as_json: output.Json = False) -> None:
         output.say(f"{row['name']:<{width}}  {row['summary']}")
 
 
-app.command()(new.new)
+app.command(cls=_Command)(new.new)
 
 
-@app.command()
+@app.command(cls=_Command)
 def check(
     file: output.File,
     canonical: Annotated[Path | None, typer.Option(help="Write the canonical problem.json here.")] = None,
@@ -118,10 +146,10 @@ def check(
     output.say(describe(problem))
 
 
-app.command()(certify.certify)
+app.command(cls=_Command)(certify.certify)
 
 
-@app.command()
+@app.command(cls=_Command)
 def verify(
     certificate: Annotated[Path, typer.Argument(help="certificate.json, or the folder it lies in.")],
     problem: Annotated[str, typer.Option(help="The trusted problem: TOML, problem.json or a built-in name.")],
@@ -140,7 +168,7 @@ def verify(
         raise typer.Exit(output.fail(output.error_bodies(error), output.MISTAKE, as_json=as_json)) from error
     if as_json:
         listed = {"confirmed": list(found.confirmed), "failures": list(found.failures)}
-        verdict = {"holds": found.holds, "verdict": found.verdict.value}
+        verdict = {"holds": found.holds, "verdict": found.verdict.value if found.holds else None}
         output.print_json(verdict | listed | {"lone_checker": found.lone_checker})
     else:
         output.say(str(found))
@@ -148,12 +176,12 @@ def verify(
 
 
 for _command in (certify.region, design.design, simulate.simulate, report.report):
-    app.command()(_command)
-app.command(name="sweep")(sweep.sweep_command)
-app.command()(export.export)
+    app.command(cls=_Command)(_command)
+app.command(name="sweep", cls=_Command)(sweep.sweep_command)
+app.command(cls=_Command)(export.export)
 
 
-@app.command()
+@app.command(cls=_Command)
 def explain(
     id: Annotated[
         str | None,
@@ -185,7 +213,7 @@ def explain(
     output.say(f"Proved:  {text.proved}\nRefuted: {text.refuted}\nSource:  {text.source}")
 
 
-@app.command()
+@app.command(cls=_Command)
 def schema(as_json: output.Json = True) -> None:
     """Print the JSON Schema of the problem file."""
     from dobc_design.problem.schema import json_schema
@@ -193,7 +221,7 @@ def schema(as_json: output.Json = True) -> None:
     output.print_json(json_schema())
 
 
-app.command()(doctor.doctor)
+app.command(cls=_Command)(doctor.doctor)
 
 
 def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
@@ -249,6 +277,11 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code.  No exception gets out of here."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    # What libraries warn of is decided here, exactly; and a home that cannot be written is no concern of the reader.
+    if not sys.warnoptions:
+        os.environ.setdefault("PYTHONWARNINGS", "ignore")  # of processes that are started
+        warnings.simplefilter("ignore")
+    logging.getLogger("matplotlib").addHandler(logging.NullHandler())
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")

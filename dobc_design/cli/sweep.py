@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -64,8 +63,6 @@ def sweep_command(
     command = shlex.join(["dobc", *sys.argv[1:]])
     kept = f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes on with the others:"
     say_on_ending(f"{kept}\n  {command}")
-    # joblib's cleaner of shared memory is to do its work without a word when this process is killed.
-    os.environ.setdefault("PYTHONWARNINGS", "ignore::UserWarning:joblib.externals.loky.backend.resource_tracker")
     resumed = [0]
     with _Bar(manner) as show:
 

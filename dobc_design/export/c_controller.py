@@ -29,6 +29,7 @@ from dobc_design.export.c_text import PRECISIONS, rounded
 from dobc_design.problem.arrays import Gain, chosen_gain
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import gains_of, group_numbers
+from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -349,12 +350,13 @@ def _chosen(problem: Problem, agents: Sequence[Any] | None) -> list[int]:
             message = f"the code holds the numbers of at most {MOST_AGENTS} agents; the problem has {problem.n}."
             raise SpecError(message, key="--agent", cure="Name the agent whose code you want: --agent LABEL.")
         return list(range(problem.n))
-    unknown = [str(agent) for agent in agents if str(agent) not in index]
-    if unknown or not agents:
+    names = list(map(one_form, agents))
+    unknown = [name for name in names if name not in index]
+    if unknown or not names:
         first = ", ".join(map(named, problem.network.labels[:6]))
         message = f"there is no agent {shown(unknown[0] if unknown else '')} in the network."
         raise SpecError(message, key="--agent", cure=f"Labels are {first}{', ...' if problem.n > 6 else ''}.")
-    return [index[str(agent)] for agent in agents]
+    return [index[name] for name in names]
 
 
 def _numbers(problem: Problem, agent: int) -> AgentNumbers:

@@ -18,7 +18,15 @@ from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.export.c_text import template
-from dobc_design.problem.arrays import Gain, arc_groups, exosystem_arrays, goals, pinning_matrix, required_gain
+from dobc_design.problem.arrays import (
+    Gain,
+    arc_groups,
+    exosystem_arrays,
+    goals,
+    pinning_matrix,
+    require_floats,
+    required_gain,
+)
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
@@ -211,7 +219,7 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
 
 
 def _loaded(problem: Source) -> Problem:
-    return problem if isinstance(problem, Problem) else load_problem(problem)
+    return require_floats(problem if isinstance(problem, Problem) else load_problem(problem))
 
 
 def analyse(problem: Source) -> Analysis:

@@ -123,7 +123,7 @@ ISOLATED = 4  # bus type
 COLUMNS = {"bus": 2, "gen": 8, "branch": 11}  # that have to be there
 _TABLE = re.compile(r"(?<![\w.])mpc\.(bus|gen|branch)[ \t]*=[ \t]*\[")
 _COMMENT = re.compile(r"%[^\n]*")
-_CONTINUED = re.compile(r"\.\.\.[^\n]*\n")
+_CONTINUED = re.compile(r"\.\.\.[^\n]*(?:\n|\Z)")  # the end, too: else every dot looks for it again
 _CELL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?|[iI]nf|[nN]a[nN])")
 _BUS = re.compile(r"[0-9]{1,18}(\.0*)?")
 

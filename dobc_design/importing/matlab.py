@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +27,7 @@ from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
-LARGEST = 512 * 1024 * 1024  # bytes of one variable once unpacked
+LARGEST = 512 * 1024 * 1024  # bytes of all variables once unpacked
 MOST_NUMBERS = 50_000_000  # of one array
 DEEPEST = 4  # cells in cells
 HEADER = 128
@@ -49,8 +49,8 @@ class _Element:
     data: bytes
 
 
-def read_variables(data: bytes, *, name: str) -> dict[str, Value]:
-    """The variables of a file by name; ``name`` of the file is for messages.
+def read_variables(data: bytes, *, name: str, names: Collection[str]) -> dict[str, Value]:
+    """The variables of a file that are among ``names``; ``name`` of the file is for messages.
 
     Numbers become float64 arrays (complex ones stay complex), characters a list with one text a row, cells a list.
     Raises: SpecError for a file that is damaged, or of another version.
@@ -62,14 +62,21 @@ def read_variables(data: bytes, *, name: str) -> dict[str, Value]:
     if struct.unpack(f"{order}H", data[124:126])[0] != 0x0100:
         raise wrong(name, "is a MATLAB file of version 7.3, which is not read.", cure)
     try:
-        found = dict(_array(each.data, order, 0) for each in _elements(data[HEADER:], order) if each.kind == MATRIX)
+        found, total = dict[str, Value](), 0
+        for each in _elements(data[HEADER:], order):
+            key, value = _array(each.data, order, 0) if each.kind == MATRIX else ("", None)
+            total += len(each.data) + getattr(value, "nbytes", 0)
+            if total > LARGEST:
+                raise _Broken(f"its variables take more than {LARGEST} bytes")
+            if value is not None and key in names:
+                found[key] = value
     except (_Broken, struct.error, ValueError, OverflowError, MemoryError) as error:
         raise wrong(name, f"is a damaged MATLAB file: {str(error)[:80]}.", cure) from None
-    return {key: value for key, value in found.items() if value is not None}
+    return found
 
 
-def _elements(data: bytes, order: str) -> Iterator[_Element]:
-    """The elements one after another; compressed ones are unpacked."""
+def _elements(data: bytes, order: str, *, inside: bool = False) -> Iterator[_Element]:
+    """The elements one after another; compressed ones are unpacked, which may not lie ``inside`` another one."""
     place = 0
     while place + 8 <= len(data):
         first, size = struct.unpack_from(f"{order}II", data, place)
@@ -82,11 +89,12 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
             after = begin + size + (0 if kind == COMPRESSED else -size % 8)
         if begin + size > len(data):
             raise _Broken("an element is cut off")
-        inside = data[begin : begin + size]
+        if kind == COMPRESSED and inside:
+            raise _Broken("a variable is compressed twice")
         if kind == COMPRESSED:
-            yield from _elements(_unpacked(inside), order)
+            yield from _elements(_unpacked(data[begin : begin + size]), order, inside=True)
         else:
-            yield _Element(kind, inside)
+            yield _Element(kind, data[begin : begin + size])
         place = after
 
 
@@ -98,14 +106,12 @@ def _unpacked(data: bytes) -> bytes:
         raise _Broken("a compressed variable cannot be unpacked") from error
     if machine.unconsumed_tail:
         raise _Broken("a variable is too large")
-    if len(unpacked) >= 4 and COMPRESSED in (unpacked[0], unpacked[3]) and not unpacked[1] | unpacked[2]:
-        raise _Broken("a variable is compressed twice")
     return unpacked
 
 
 def _array(data: bytes, order: str, depth: int) -> tuple[str, Value]:
     """Name and value of an array; the value is None for a class that is not read."""
-    parts = list(_elements(data, order))
+    parts = list(_elements(data, order, inside=True))
     if len(parts) < 3 or len(parts[0].data) < 8:
         raise _Broken("a variable without a head")
     flags = struct.unpack_from(f"{order}I", parts[0].data)[0]
@@ -182,7 +188,7 @@ LINEAR = 'The file has no coupling h: it is taken to be linear, h = "y", as a La
 
 def read_mat(data: bytes, *, file: str, name: str) -> Problem:
     """The problem of a .mat file; ``name``: the problem's if it has none.  Raises: SpecError naming the variable."""
-    found = {key: value for key, value in read_variables(data, name=file).items() if key in KNOWN}
+    found = read_variables(data, name=file, names=KNOWN)
     L = found.get("L")
     if L is None:
         what = (

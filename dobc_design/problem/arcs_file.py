@@ -14,10 +14,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from dobc_design.errors import SpecError, about, wrong
+from dobc_design.errors import SpecError, about, reason_of, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown, shown_number
-from dobc_design.problem.network import ONE, WANTED, Arcs, directed, is_label
+from dobc_design.problem.network import ONE, WANTED, Arcs, directed, is_label, one_form
 
 MAX_BYTES = 1_000_000_000
 EMPTY = "is empty: it holds no arcs", "Add arcs, one per line."
@@ -86,7 +86,7 @@ def _opened(name: str, *, folder: Path | None, key: str) -> tuple[_Source, Path,
     path = _resolve(name, folder=folder, key=key)
     source = _Source(name=named(name), key=key, unit="edge" if path.suffix.lower() == ".graphml" else "line")
     try:
-        return source, path, path.read_bytes().decode("utf-8-sig")
+        return source, path, one_form(path.read_bytes().decode("utf-8-sig"))
     except UnicodeDecodeError as error:
         raise source.error(f"must be UTF-8 text; byte {error.start} is not", "Save it as UTF-8.") from None
     except OSError as error:
@@ -175,7 +175,7 @@ def _graphs(text: str, source: _Source) -> tuple[ElementTree.Element, list[Eleme
     try:
         root = ElementTree.fromstring(text)  # expat expands nothing: entities are refused above
     except (ElementTree.ParseError, RecursionError) as error:
-        raise source.error(f"is not valid GraphML ({error})", "Export it again.") from None
+        raise source.error(f"is not valid GraphML ({reason_of(error)})", "Export it again.") from None
     graphs = [node for node in root.iter() if _tag(node) == "graph"]
     if len(graphs) > 1:
         raise source.error(f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own.")

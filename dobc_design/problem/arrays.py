@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,44 @@ from scipy.sparse.csgraph import connected_components
 
 from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.tree import Constant, postorder
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.exact.number import number_key
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs, IndexArray
 from dobc_design.problem.problem import Problem
+
+LARGEST_FLOAT = Fraction(np.finfo(np.float64).max.item())
+
+
+def require_floats(problem: Problem) -> Problem:
+    """The problem, whose numbers all fit into floats.  Raises: SpecError that names the key of one that does not."""
+    region, start, labels = problem.region, problem.simulation, problem.network.labels
+    nodes = (node for each in problem.couplings for part in each.components for node in postorder(part.node))
+    parts: dict[str, Any] = {
+        "target": problem.target,
+        "coupling": [node.value for node in nodes if isinstance(node, Constant)],
+        "exosystem": [(each.exosystem.A, each.exosystem.C) for each in problem.groups],
+        "observer.W": [each.observer.W or () for each in problem.groups],
+        "region": () if region is None else (region.initial_states, region.initial_disturbance or 0),
+        "simulation": (start.x0 or (), start.xi0 or ()),
+    }
+    parts |= {
+        f"network.modes.{mode}": distinct_weights(arcs.weights)[1] for mode, arcs in problem.network.modes.items()
+    }
+    parts |= {f"pinning.gains.{labels[agent]}": gain for agent, gain in problem.pinning.gains.items()}
+    parts |= {f"formation.offsets.{labels[agent]}": offset for agent, offset in problem.offsets.items()}
+    for key, numbers in parts.items():
+        if not all(-LARGEST_FLOAT <= x <= LARGEST_FLOAT for x in _flat(numbers)):
+            cure = "Choose other units; `dobc certify` and `dobc check` compute exactly."
+            raise wrong(key, "must be at most 1.8e308 in size, because floats are computed with here.", cure)
+    return problem
+
+
+def _flat(numbers: Any) -> Iterator[Any]:
+    """The numbers in nested tuples."""
+    return chain.from_iterable(map(_flat, numbers)) if isinstance(numbers, (list, tuple)) else iter((numbers,))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import SpecError, reason_of, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import shown
@@ -139,8 +139,7 @@ def _load(data: bytes) -> dict[str, Any]:
     except SpecError:
         raise
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        reason = str(error) if isinstance(error, json.JSONDecodeError) else type(error).__name__
-        raise wrong("problem.json", f"is not valid JSON ({reason}).", _CURE) from None
+        raise wrong("problem.json", f"is not valid JSON ({reason_of(error)}).", _CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
     version = document.get("version")

@@ -12,6 +12,7 @@ from functools import partial
 from itertools import islice
 from types import MappingProxyType
 from typing import Any
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +32,18 @@ def is_label(value: object) -> bool:
     return isinstance(value, str) and len(value) <= LONGEST_LABEL and value.isprintable() and bool(value.strip())
 
 
+def one_form(text: object) -> str:
+    """The text in Unicode's form NFC, in which labels are compared: an accent may be typed in two ways."""
+    return normalize("NFC", text if isinstance(text, str) else str(text))
+
+
 def label_text(value: object, *, place: str = "network.agents") -> str:
     """Turn a label as given into its text; 1 and "1" are one label."""
     if isinstance(value, (bool, NumberText)) or not isinstance(value, (str, int, np.integer)):
         what = f"{place}: a label must be text or a whole number; got {shown(value)}."
         raise SpecError(what, key="network.agents", cure="Write it in quotes.")
     try:
-        text = str(value)
+        text = one_form(value)
     except ValueError:  # a whole number with more digits than Python prints
         text = ""
     if not is_label(text):
@@ -54,7 +60,9 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
         what = f"must be a count from 1 to {MOST_AGENTS} or a list of labels; got {shown(agents)}."
         raise wrong("network.agents", what, "For example agents = 10.")
     labels = tuple(
-        label if type(label) is str and is_label(label) else label_text(label, place=f"network.agents[{position}]")
+        label
+        if type(label) is str and label.isascii() and is_label(label)
+        else label_text(label, place=f"network.agents[{position}]")
         for position, label in enumerate(agents)
     )
     if not labels:
@@ -214,6 +222,7 @@ class Network(Shown):
         if bad:
             what = f"a label must be {WANTED}; got {shown(bad[0])}."
             raise SpecError(what, key="network.agents", cure="Rename that agent.")
+        object.__setattr__(self, "labels", tuple(map(one_form, self.labels)))
         if len(set(self.labels)) < len(self.labels):
             first: dict[str, int] = {}
             repeated = next(label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i)

@@ -25,7 +25,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem import settings
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_numbers, joint_exosystem, joint_observer, read_groups
-from dobc_design.problem.network import Network
+from dobc_design.problem.network import Network, one_form
 from dobc_design.problem.settings import Region, Simulation, Switching
 from dobc_design.verdict import Verdict
 
@@ -104,7 +104,7 @@ def _by_label(value: Any, read: Callable[[Any, str], T], *, labels: Sequence[str
     for label, entry in settings.items(value, key=key):
         own = f"{key}.{named(str(label))}"
         with kept(errors):
-            place = None if isinstance(label, bool) else index.get(str(label))
+            place = None if isinstance(label, bool) else index.get(one_form(label))
             if place is None:
                 what = f"there is no agent {shown(str(label))} in network.agents."
                 raise about(own, what, "Use the label of an agent.")

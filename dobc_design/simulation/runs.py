@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dobc_design._show.cards import Card
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.canonical import loop_sha256
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from dobc_design.plotting.runs import Envelope
 
 Source = Problem | str | PathLike[str]
+MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
 MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is
 
 
@@ -285,8 +287,12 @@ def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progr
 
 def run_many(setting: Setting, runs: int, *, progress: Progress | None = None) -> Ensemble:
     """``runs`` runs with the seeds seed, seed + 1, ...: each with its own start and its own switches."""
+    most = MOST_KEPT // len(setting.times)
+    if whole(runs, "runs", least=1) > most:
+        message = f"must be at most {most} with {len(setting.times)} samples of each; got {runs}."
+        raise wrong("runs", message, "Make several ensembles with other seeds, or ask for fewer samples.")
     with np.errstate(all="ignore"):
-        return _Collector(setting, whole(runs, "runs", least=1), progress or (lambda part: None)).run()
+        return _Collector(setting, runs, progress or (lambda part: None)).run()
 
 
 class _Collector:

@@ -6,7 +6,9 @@ A stress is what the theorems leave out.  Starts and stresses are the same for t
 from __future__ import annotations
 
 import csv
+import io
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -22,13 +24,16 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
-from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, no_gain
+from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, no_gain, require_floats
+from dobc_design.problem.load import read_bytes
+from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import finite_array, not_negative, positive, put, seconds, whole
 from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, make_loop
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
 from dobc_design.simulation.switches import Switches, groups_of, mode_index, motion_switches, scheduled_switches
+from dobc_design.simulation.trajectory import UnfitError, describing, read_arrays
 
 EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchange is given
 KINDS = ("vanish", "freeze")
@@ -137,11 +142,12 @@ class Stress(Shown):
     def failing(self, problem: Problem) -> dict[int, Failure]:
         """Failures by the agent's index.  Raises: SpecError for an agent that is not there."""
         places = {label: place for place, label in enumerate(problem.network.labels)}
-        for each in self.failures:
-            if each.agent not in places:
+        failures = {one_form(each.agent): each for each in self.failures}
+        for label, each in failures.items():
+            if label not in places:
                 cure = f"Labels are {', '.join(problem.network.labels[:6])}, ..."
                 raise wrong("failures", f"names {shown(each.agent)}, and no agent has this label.", cure)
-        return {places[each.agent]: each for each in self.failures}
+        return {places[label]: each for label, each in failures.items()}
 
     def __str__(self) -> str:
         words = []
@@ -172,6 +178,7 @@ Given = Mapping[str, Any] | Array | list[Any] | str | PathLike[str]
 
 AWAY = 1.0  # drawn starts without a region: at most this far from the goal, in every component
 PARTS = ("x", "xi", "xihat")
+NUMBER = re.compile(r" *[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)? *")  # in a CSV file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -215,8 +222,8 @@ class Starts:
 def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     """Decide where runs start: as given, by [simulation], by the region, or around the goal.  Raises: SpecError."""
     n, m, q, region, x0, xi0 = loop.n, loop.m, loop.q, problem.region, problem.simulation.x0, problem.simulation.xi0
-    parts = {name: value for name, value in _parts(given).items() if value is not None}
     sizes = {"x": (m, "component"), "xi": (q, "exosystem state"), "xihat": (q, "exosystem state")}
+    parts = {name: value for name, value in _parts(given, n, sizes).items() if value is not None}
     rows = {name: _rows(value, f"start.{name}", n, *sizes[name]) for name, value in parts.items()}
     for name in [name for name in ("xi", "xihat") if name in rows]:
         _refuse_foreign(loop, name, rows[name])
@@ -253,11 +260,11 @@ def _refuse_foreign(loop: Loop, name: str, rows: Array) -> None:
         raise wrong(f"start.{name}", f"must be 0 in the states that belong to other groups; row {agent} is not.", cure)
 
 
-def _parts(given: Given | None) -> Mapping[str, Any]:
+def _parts(given: Given | None, n: int, sizes: Mapping[str, tuple[int, str]]) -> Mapping[str, Any]:
     if given is None:
         return {}
     if isinstance(given, (str, PathLike)):
-        return _read(Path(given))
+        return _read(Path(given), n, sizes)
     if isinstance(given, Mapping):
         unknown = sorted(set(map(str, given)) - set(PARTS))
         if unknown:
@@ -280,22 +287,28 @@ def _rows(value: Any, name: str, n: int, width: int, what: str) -> Array:
     return finite_array(value, name, shape=(n, width), because=because)
 
 
-def _read(path: Path) -> Mapping[str, Any]:
-    name = shown(path.name)
-    try:
+def _read(path: Path, n: int, sizes: Mapping[str, tuple[int, str]]) -> Mapping[str, Any]:
+    """The parts of a start in a file; of a trajectory, its last sample."""
+
+    def fits(shapes: Mapping[str, tuple[int, ...]]) -> None:
+        for name, shape in shapes.items():
+            width, what = sizes[name]
+            if (shape[-2:] != (n, width) or len(shape) > 3) and shape not in ((n,) * (width == 1), (width,)):
+                raise UnfitError(f"{name} must have {n} rows of {width}, one number per {what}; got shape {shape}")
+        if not shapes:
+            raise UnfitError(f"it has none of the arrays {', '.join(PARTS)}")
+
+    cure = "Give a CSV file with one row of numbers per agent, or an .npz file with x, xi and xihat."
+    with describing(path, key="start", what="start", cure=cure):
         if path.suffix.lower() == ".npz":
-            with np.load(path, allow_pickle=False) as arrays:
-                found = {part: arrays[part] for part in PARTS if part in arrays}
+            found = read_arrays(path, PARTS, fits)
             return {part: array[-1] if array.ndim == 3 else array for part, array in found.items()}
-        with path.open(encoding="utf-8", newline="") as stream:
-            return {"x": [[float(entry) for entry in row] for row in csv.reader(stream) if row]}
-    except OSError as error:
-        message = f"start: {name} cannot be read: {error.strerror or error}."
-        raise SpecError(message, key="start", cure="Check the path.") from None
-    except (ValueError, UnicodeDecodeError, EOFError) as error:
-        message = f"start: {name} does not hold a start ({str(error)[:80]})."
-        cure = "Give a CSV file with one row of numbers per agent, or an .npz file with x, xi and xihat."
-        raise SpecError(message, key="start", cure=cure) from None
+        rows = csv.reader(io.StringIO(read_bytes(path, what="start").decode("utf-8-sig"), newline=""), strict=True)
+        cells = [(rows.line_num, row) for row in rows if row]
+        wrong = next(((line, cell) for line, row in cells for cell in row if not NUMBER.fullmatch(cell)), None)
+        if wrong is not None:
+            raise UnfitError(f"line {wrong[0]}: {shown(wrong[1])} is no number")
+        return {"x": [list(map(float, row)) for _, row in cells]}
 
 
 class Options(TypedDict, total=False):
@@ -348,7 +361,7 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
         message = f"must be one of {', '.join(OBSERVERS)}; got {str(observer)[:40]}."
         raise wrong("observer", message, '"closed-form" is the fast one.')
     horizon = seconds(problem.simulation.t_final if t_final is None else t_final, "t_final", example="20")
-    loop = make_loop(problem, no_gain(problem) if observer == "off" and gain is None else gain)
+    loop = make_loop(require_floats(problem), no_gain(problem) if observer == "off" and gain is None else gain)
     times, notes = _times(given.get("samples"), horizon, loop.n * (4 * loop.m + 2 * loop.q))
     if stress is not None:
         stress.failing(problem)  # refuses agents that are not there

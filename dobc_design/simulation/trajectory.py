@@ -6,7 +6,8 @@ import io
 import json
 import math
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from os import PathLike
 from pathlib import Path
@@ -22,6 +23,7 @@ from dobc_design.certificate.files import write_atomically
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.problem.arrays import Array
+from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import IndexArray
 from dobc_design.simulation.switches import Switches, one_mode
 
@@ -226,7 +228,11 @@ class Trajectory(Simulated):
         return Card(title=self.name, text=text, lines=self.notes)
 
 
-PLAIN = tuple(each.name for each in fields(Trajectory) if each.type in {"str", "int", "float", "bool"})
+_KINDS: dict[Any, type] = {"str": str, "int": int, "float": float, "bool": bool}
+PLAIN = {each.name: _KINDS[each.type] for each in fields(Trajectory) if each.type in _KINDS}
+STORED = ("times", "about", "goal", "switch_times", "switch_modes", "graph_arcs", "graph_sizes")
+LARGEST = 1 << 28  # bytes of the arrays of a file once unpacked, if the file itself is smaller
+LARGEST_FILE = 1 << 31
 
 
 def bound_of(run: Any, certificate: Certificate | None, envelope: Envelope | None) -> Envelope | None:
@@ -244,34 +250,113 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
 
     Returns: the Trajectory.  Raises: SpecError if the file is none.
     """
-    name = shown(Path(path).name)
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return _made(json.loads(str(stored["about"])), stored)
-    except OSError as error:
-        message = f"{name} cannot be read: {error.strerror or error}."
-        raise SpecError(message, key="path", cure="Check the path.") from None
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        if isinstance(error, SpecError):
-            raise
-        message = f"{name} does not hold a trajectory ({str(error)[:80]})."
-        raise SpecError(message, key="path", cure="Give a file that Trajectory.save wrote.") from None
+    with describing(Path(path), key="path", what="trajectory", cure="Give a file that Trajectory.save wrote."):
+        arrays = read_arrays(Path(path), (*STORED, *SAMPLED), _require_shapes)
+        return _made(json.loads(str(arrays.pop("about"))), arrays)
+
+
+def _require(holds: object, what: str) -> None:
+    if not holds:
+        raise UnfitError(what)
+
+
+def _require_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """The shapes of a trajectory's arrays must fit each other.  Raises: UnfitError."""
+    missing = [name for name in (*STORED, *SAMPLED) if name not in shapes]
+    _require(not missing, f"it has no array {', '.join(missing)}")
+    _require(len(shapes["x"]) == len(shapes["xi"]) == 3, "x and xi must be samples of agents")
+    (samples, n, m), q, switches = shapes["x"], shapes["xi"][2], shapes["switch_times"][:1]
+    arcs, graphs = shapes["graph_arcs"][1:2], shapes["graph_sizes"][:1]
+    wanted = {"times": (samples,), "goal": (n, m), "switch_modes": switches, "switch_times": switches, "about": ()}
+    wanted |= dict.fromkeys(("d", "dhat", "u"), (samples, n, m)) | dict.fromkeys(("xi", "xihat"), (samples, n, q))
+    wanted |= {"graph_arcs": (2, *arcs), "graph_sizes": graphs}
+    wrong = [name for name, shape in wanted.items() if shapes[name] != shape]
+    _require(not wrong, f"the shapes of {', '.join(wrong)} do not fit that of x")
+    _require(min(samples, n, m, *switches), "it has no samples")
 
 
 def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
-    if not isinstance(facts, dict) or facts.get("format") != FORMAT or facts.get("version") != VERSION:
-        raise ValueError(f'it must say "format": "{FORMAT}", version {VERSION}')
-    ends = np.cumsum(arrays["graph_sizes"])[:-1] if len(arrays["graph_sizes"]) else None
-    graphs = () if ends is None else tuple(part.copy() for part in np.split(arrays["graph_arcs"], ends, axis=1))
-    switches = Switches(
-        times=np.array(arrays["switch_times"]),
-        modes=np.array(arrays["switch_modes"]),
-        names=tuple(facts["modes"]),
-        graphs=graphs,
-    )
+    """The trajectory, if what the file says makes sense.  Raises: UnfitError."""
+    known = isinstance(facts, dict) and facts.get("format") == FORMAT and facts.get("version") == VERSION
+    _require(known, f'it must say "format": "{FORMAT}", version {VERSION}')
     given: dict[str, Any] = {name: facts[name] for name in PLAIN if name in facts}
-    given |= {name: np.array(arrays[name]) for name in ("times", "goal", *SAMPLED)}
-    return Trajectory(labels=tuple(facts["labels"]), notes=tuple(facts["notes"]), switches=switches, **given)
+    for name, value in given.items():
+        fits = type(value) is PLAIN[name] or (PLAIN[name] is float and type(value) is int)
+        _require(fits and math.isfinite(value if PLAIN[name] is float else 0), f"{name} is no {PLAIN[name].__name__}")
+    lists = [facts[name] for name in ("labels", "notes", "modes")]
+    _require(all(type(each) is list for each in lists), "labels, notes and modes must be lists")
+    texts = [*(text for each in lists for text in each), *(text for text in given.values() if type(text) is str)]
+    readable = all(type(text) is str and text.isprintable() for text in texts)
+    _require(readable, "a text in it is none, or holds control characters")
+    times, begins, modes = arrays["times"], arrays["switch_times"], arrays["switch_modes"]
+    numbers, sizes, arcs = (arrays[name] for name in ("goal", "graph_sizes", "graph_arcs"))
+    whole = all(each.dtype.kind in "iu" for each in (modes, sizes, arcs))
+    real = all(arrays[name].dtype.kind == "f" for name in ("times", "goal", "switch_times", *SAMPLED))
+    _require(whole and real, "an array holds numbers of another kind")
+    _require(all(np.isfinite(each).all() for each in (times, begins, numbers)), "a time or a goal is not finite")
+    ordered = all((np.diff(each) > 0).all() for each in (times, begins)) and begins[0] <= times[0]
+    _require(ordered and given["t_final"] > 0, "its times do not increase")
+    labels, names, n = facts["labels"], facts["modes"], len(numbers)
+    _require(len(set(labels)) == len(labels) == n, f"it must name {n} different agents")
+    _require(len(set(names)) == len(names) and modes.min() >= 0 and modes.max() < len(names), "it has no such mode")
+    _require(len(sizes) in (0, len(names)) and (sizes >= 0).all(), "its graphs are not those of its modes")
+    _require(sizes.sum() == arcs.shape[1] and ((arcs >= 0) & (arcs < n)).all(), "its arcs are not those of its agents")
+    graphs = tuple(part.copy() for part in np.split(arcs, np.cumsum(sizes)[:-1], axis=1)) if len(sizes) else ()
+    switches = Switches(times=begins, modes=modes, names=tuple(names), graphs=graphs)
+    given |= {name: arrays[name] for name in ("times", "goal", *SAMPLED)}
+    return Trajectory(labels=tuple(labels), notes=tuple(facts["notes"]), switches=switches, **given)
+
+
+class UnfitError(ValueError):
+    """What a file of arrays says cannot be; the text says what."""
+
+
+@contextmanager
+def describing(path: Path, *, key: str, what: str, cure: str) -> Iterator[None]:
+    """Reading ``path``, which ought to be a ``what``: whatever goes wrong is a SpecError that names ``key``."""
+    try:
+        yield
+    except SpecError as error:  # there is no such file, or it is none
+        raise SpecError(f"{key}: {error.message}", key=key, cure=error.cure) from None
+    except MemoryError:
+        raise
+    except Exception as error:  # noqa: BLE001 - zipfile, zlib, NumPy, csv and json have many words for broken bytes
+        reason = str(error) if isinstance(error, UnfitError) else "its bytes are damaged"
+        message = f"{key}: {shown(path.name)} does not hold a {what} ({reason})."
+        raise SpecError(message, key=key, cure=cure) from None
+
+
+def read_arrays(
+    path: Path, names: Sequence[str], fits: Callable[[Mapping[str, tuple[int, ...]]], None]
+) -> dict[str, NDArray[Any]]:
+    """The arrays of an .npz file, those of ``names`` that are there; nothing is unpickled.
+
+    Sizes and shapes are read before the data: ``fits`` sees them, and may raise.  Unpacked, the arrays may take
+    LARGEST bytes, or as many as the file has.  Raises: what ``describing`` expects.
+    """
+    data = read_bytes(path, limit=LARGEST_FILE, what="file of arrays")
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        listed = {each.filename.removesuffix(".npy"): each for each in archive.infolist()}
+        chosen = {name: listed[name] for name in names if name in listed}
+        total = sum(each.file_size for each in chosen.values())
+        if total > max(LARGEST, len(data)):
+            raise UnfitError(f"unpacked it would take {total} bytes; at most {LARGEST} are read")
+        shapes = {}
+        for name, member in chosen.items():
+            with archive.open(member) as stream:
+                version = np.lib.format.read_magic(stream)
+                heads = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+                shapes[name], _, dtype = heads[version](stream)
+                if dtype.kind not in ("U" if name == "about" else "fiu"):
+                    raise UnfitError(f"{name} must be {'text' if name == 'about' else 'numbers'}")
+                if stream.tell() + math.prod(shapes[name]) * dtype.itemsize != member.file_size:
+                    raise UnfitError(f"{name} does not have the size that its head says")
+        fits(shapes)
+        found = {}
+        for name, member in chosen.items():
+            with archive.open(member) as stream:
+                found[name] = np.lib.format.read_array(stream, allow_pickle=False)
+    return found
 
 
 def save_arrays(path: Path, arrays: Mapping[str, Any], *, force: bool) -> Path:

@@ -35,6 +35,7 @@ from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import NumberText, is_list, shown
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.load import parse_toml
+from dobc_design.problem.network import one_form
 
 Path = tuple[str | int, ...]
 
@@ -216,7 +217,7 @@ def _step(name: str | None, place: str | None) -> str | int:
     if name is None:
         return int(place or 0)
     try:
-        return str(json.loads(name)) if name.startswith('"') else name  # TOML's basic strings escape as JSON's do
+        return one_form(json.loads(name) if name.startswith('"') else name)  # TOML's basic strings escape as JSON's do
     except ValueError:
         raise SpecError(f"{shown(name)} is no quoted name.", key="key", cure=_EXAMPLE) from None
 

@@ -13,6 +13,7 @@ import io
 import json
 import math
 import os
+import re
 from collections import Counter
 from dataclasses import dataclass
 from os import PathLike
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 Outcome = dict[str, Any]  # a line: what is kept of a case
 HEAD, LINES = "sweep.json", "results.jsonl"
 FIELDS = {"case", "id", "values", "result", "error", "seconds"}
+ERROR = {"kind", "key", "message", "cure"}
+_ID = re.compile("[0-9a-f]{64}")
 TIME = "time"  # kind of error of a case that was given up
 OUTCOMES = ("proved", "refuted", "undecided", "converged", "diverged", "failed")
 DRAWN = {"certify": "rate", "simulate": "settling_time"}  # the column of a figure, if none is named
@@ -88,11 +91,9 @@ class Journal:
                 line = json.loads(text.decode("utf-8"))
             except (ValueError, RecursionError):
                 continue
-            if not isinstance(line, dict) or set(line) != FIELDS or type(line["case"]) is not int:
+            if not _is_line(line, self.plan):
                 continue
             case = line["case"]
-            if not 0 <= case < len(self.plan) or line["values"] != list(self.plan.values(case)):
-                continue
             if case not in self.done or to_be_done_again(self.done[case], None):
                 self.done[case] = line
 
@@ -123,6 +124,37 @@ class Journal:
     def __exit__(self, *error: object) -> None:
         if self.stream is not None:
             self.stream.close()  # which also unlocks it
+
+
+def _cell(value: Any) -> Any:
+    """A cell of a CSV file; an apostrophe before text that a spreadsheet would take for a formula."""
+    text = str(value).lower() if isinstance(value, bool) else value
+    formula = isinstance(text, str) and text.startswith(("=", "+", "-", "@", "\t", "\r")) and number_of(text) is None
+    return f"'{text}" if formula else text
+
+
+def _is_line(line: Any, plan: Plan) -> bool:
+    """Whether this is the line of a case of the plan: every field of its type, numbers finite."""
+    if not isinstance(line, dict) or set(line) != FIELDS or type(line["case"]) is not int:
+        return False
+    case, id, result, error = (line[name] for name in ("case", "id", "result", "error"))
+    if not 0 <= case < len(plan) or line["values"] != list(plan.values(case)) or (result is None) == (error is None):
+        return False
+    if not _fits(line["seconds"], "number") or line["seconds"] < 0 or not (id is None or _ID.fullmatch(str(id))):
+        return False
+    if error is not None:
+        texts = isinstance(error, dict) and set(error) == ERROR and type(error["kind"]) is type(error["message"]) is str
+        return texts and all(value is None or type(value) is str for value in error.values())
+    kinds = {name: kind for name, kind, _ in plan.task.columns}
+    known = id is not None and isinstance(result, dict) and set(result) == set(kinds)
+    known = known and all(value is None or _fits(value, kinds[name]) for name, value in result.items())
+    return known and (outcome_of(line) in OUTCOMES if "verdict" in kinds else result["diverged"] is not None)
+
+
+def _fits(value: Any, kind: str) -> bool:
+    if kind == "number":
+        return type(value) in (int, float) and math.isfinite(value)
+    return type(value) is {"text": str, "truth": bool, "count": int}[kind]
 
 
 def to_be_done_again(line: Outcome, limit: float | None) -> bool:
@@ -252,9 +284,8 @@ class SweepResult(Shown):
         else:  # UTF-8 with a header; nothing stands for what is not there
             text = io.StringIO(newline="")
             writer = csv.writer(text)
-            writer.writerow(self.columns)
-            for row in self.rows:
-                writer.writerow([str(value).lower() if isinstance(value, bool) else value for value in row.values()])
+            writer.writerow(map(_cell, self.columns))
+            writer.writerows(map(_cell, row.values()) for row in self.rows)
             data = text.getvalue().encode("utf-8")
         write_atomically(target, data)
         return target

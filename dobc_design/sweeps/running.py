@@ -328,7 +328,7 @@ def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
             client = stack.enter_context(Client(address, timeout="10s"))
             client.wait_for_workers(1, timeout=30)
         except (OSError, ValueError) as error:  # a TimeoutError among them
-            message = f"there is no Dask scheduler at {cluster[:100]!r} ({type(error).__name__})."
+            message = f"there is no Dask scheduler at {shown(cluster)}."
             cure = "Start one with `dask scheduler`, or say --cluster local."
             raise SpecError(message, key="--cluster", cure=cure) from error
         for worker, version in client.run(_version, on_error="return").items():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from evidence import (
     agreement,
     bad_files,
+    bad_samples,
     certificates,
     designs,
     enclosures,
@@ -41,6 +42,7 @@ class Item:
 ITEMS = (
     Item(name="jacobians", run=jacobians.run, count=200, seed=4000),
     Item(name="bad-files", run=bad_files.run, count=10_000, seed=5000),
+    Item(name="bad-samples", run=bad_samples.run, count=800, seed=4100, share=20),
     Item(name="recheck", run=certificates.recheck, count=500, seed=6000, share=100),
     Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000, share=100),
     Item(name="groups-recheck", run=certificates.groups_recheck, count=200, seed=6000, share=40),

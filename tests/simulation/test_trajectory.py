@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import json
 
 import numpy as np
 import pytest
@@ -220,7 +221,7 @@ BROKEN = {
 def test_what_is_no_trajectory_is_refused(tmp_path, kind: str):
     path = tmp_path / "run.npz"
     BROKEN[kind](path)
-    with pytest.raises(SpecError, match=r"does not hold a trajectory|cannot be read"):
+    with pytest.raises(SpecError, match=r"does not hold a trajectory|there is no file"):
         dd.load_trajectory(path)
 
 
@@ -287,7 +288,7 @@ def test_a_run_goes_on_where_a_saved_one_stopped(tmp_path):
         ({"x": [["a", "b"]] * 3}, "must be an array of numbers"),
         ([1, float("inf")], "must be finite"),
         ({"xihat": [1, None, 3]}, "must be"),
-        ("missing.csv", "cannot be read"),
+        ("missing.csv", "there is no file"),
     ],
 )
 def test_a_wrong_start_is_refused(given, message: str):
@@ -308,3 +309,45 @@ def test_pickled_arrays_are_never_executed(tmp_path):
     np.savez(path, x=np.array([{"a": 1}], dtype=object))
     with pytest.raises(SpecError, match="does not hold a start"):
         drawn(path)
+
+
+def rewritten(path, facts=None, **arrays):
+    """The saved run with other facts and arrays in it; an array that is None is left out."""
+    with np.load(switching().save(path, force=True)) as stored:
+        held = dict(stored)
+    about = json.loads(str(held["about"])) | (facts or {})
+    held |= {"about": np.array(json.dumps(about))} | arrays
+    np.savez_compressed(path, **{name: value for name, value in held.items() if value is not None})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"u": None}, "it has no array u"),
+        ({"x": np.zeros((1, 2))}, "samples of agents"),
+        ({"goal": np.zeros((2, 9))}, "shapes of goal do not fit"),
+        ({"switch_times": np.array([np.nan])}, "shapes of switch_modes"),
+        ({"times": lambda t: t * np.nan}, "not finite"),
+        ({"times": lambda t: t[::-1]}, "do not increase"),
+        ({"switch_modes": lambda s: s + 9}, "no such mode"),
+        ({"switch_modes": lambda s: s - 1}, "no such mode"),
+        ({"switch_modes": lambda s: s * 1.0}, "another kind"),
+        ({"x": lambda x: x.astype("U8")}, "x must be numbers"),
+        ({"graph_sizes": np.array([5])}, "graphs are not"),
+        ({"facts": {"labels": ["1", "1"]}}, "different agents"),
+        ({"facts": {"labels": "12"}}, "must be lists"),
+        ({"facts": {"name": "a\x1b[2Jb"}}, "control characters"),
+        ({"facts": {"t_final": float("inf")}}, "t_final is no float"),
+        ({"facts": {"seed": True}}, "seed is no int"),
+        ({"facts": {"version": 2}}, "version 1"),
+    ],
+)
+def test_a_trajectory_whose_parts_do_not_fit_is_refused(tmp_path, changes, message: str):
+    given = dict(changes)
+    facts = given.pop("facts", None)
+    with np.load(switching().save(tmp_path / "good.npz")) as stored:
+        given = {name: value(stored[name]) if callable(value) else value for name, value in given.items()}
+    with pytest.raises(SpecError, match=rf"does not hold a trajectory \(.*{message}"):
+        dd.load_trajectory(rewritten(tmp_path / "run.npz", facts, **given))
+    assert dd.load_trajectory(rewritten(tmp_path / "run.npz")).times.tolist() == switching().times.tolist()

@@ -161,6 +161,9 @@ class ObserverRequest:
         return (HalfPlane(left_of=-(self.rate or Fraction(0))), *self.regions)
 
 
+LARGEST_ASKED = Fraction(10**100)
+
+
 def read_observer_request(
     *, rate: Any = None, region: Any = None, noise: Any = None, digits: Any = 4, period: Any = None
 ) -> ObserverRequest:
@@ -187,8 +190,10 @@ def check_digits(digits: Any) -> None:
 
 
 def read_positive(value: Any, key: str, *, why: str = "", cure: str = "Leave it out for no limit.") -> Fraction:
-    """A number > 0, exactly.  Raises: SpecError for another one."""
+    """A number > 0 and at most 1e100, exactly.  Raises: SpecError for another one."""
     number = parse_number(value, key=key)
+    if number > LARGEST_ASKED:
+        raise SpecError(f"{key} must be at most 1e100; got {shown_number(number)}.", key=key, cure=cure)
     if number <= 0:
         raise SpecError(f"{key} must be > 0{why}; got {shown_number(number)}.", key=key, cure=cure)
     return number

@@ -19,6 +19,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import float_above, float_below, number_text
 from dobc_design.exact.reading import is_list, named, shown
+from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, check_digits, read_positive
 from dobc_design.verdict import Verdict
@@ -104,7 +105,7 @@ def _agents(allowed: Any, index: Mapping[str, int]) -> tuple[int, ...]:
 
 
 def _agent(label: Any, index: Mapping[str, int], *, key: str) -> int:
-    place = None if isinstance(label, bool) else index.get(str(label))
+    place = None if isinstance(label, bool) else index.get(one_form(label))
     if place is None:
         text = f"{key}: there is no agent {shown(str(label))} in network.agents."
         raise SpecError(text, key=key, cure="Use the label of an agent.")

@@ -1,0 +1,35 @@
+"""Exported C code skips bad samples and counts them; its answers stay those of a loop that missed them."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from bad_samples import GOOD, KINDS, Program, wrong_cases
+from c_harness import needs_gcc, planar
+
+from dobc_design.problem.load import load_problem
+
+
+@pytest.mark.slow
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_after_bad_inputs_the_answers_are_those_of_a_run_that_missed_them(precision: str, tmp_path):
+    """m = 2, q = 3; a packet, a state or an applied input is bad, and the sanitizers watch."""
+    program = Program(planar(), tmp_path, period="1/50", precision=precision)
+    assert wrong_cases("planar", program, np.random.default_rng(5), 40) == []
+
+
+@needs_gcc
+def test_a_converged_observer_misses_five_samples_and_expects_them_right(tmp_path):
+    """The model is exact for a disturbance that its exosystem generates, so the inputs hardly change."""
+    program = Program(load_problem("paper-fixed"), tmp_path, period="1/50", precision="double")
+
+    def spoil(x, heard, limited, u):
+        x[-GOOD:][:5] = np.resize(KINDS, (5, 1))
+
+    (found,) = program.run([SimpleNamespace(spoil=spoil)])
+    assert found[-1, -1] == 5
+    assert np.abs(program.dhat[-GOOD:]).max() > 0.1
+    assert np.abs(found[:, 0] - program.u[:, 0])[-GOOD:].max() < 1e-4

@@ -1,0 +1,178 @@
+"""Hostile files for ``--start`` and for saved trajectories, and numbers beyond all floats: one message, exit 2."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import os
+import subprocess
+import sys
+import unicodedata
+import zipfile
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.importing.grids import merged, read_matpower
+from dobc_design.problem.arrays import require_floats
+from dobc_design.sweeps.plan import Task, make_plan
+from dobc_design.sweeps.result import SweepResult, _cell, _is_line
+
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="memory limits and devices of Unix")
+WITHIN = "import resource, sys\nresource.setrlimit(resource.RLIMIT_AS, (3 << 30,) * 2)\n"
+START = f"{WITHIN}import dobc_design as dd\ndd.simulate('paper-fixed', t_final=1, start=sys.argv[1])"
+
+
+def npy(array: np.ndarray, *, said: tuple[int, ...] | None = None) -> bytes:
+    """An .npy file, whose head may say another shape."""
+    stream = io.BytesIO()
+    head = np.lib.format.header_data_from_array_1_0(array)
+    np.lib.format.write_array_header_1_0(stream, head if said is None else head | {"shape": said})
+    return stream.getvalue() + array.tobytes()
+
+
+def zipped(path: Path, **members: bytes) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in members.items():
+            archive.writestr(f"{name}.npy", data)
+    return path
+
+
+def bomb(path: Path) -> Path:
+    """A GB of zeros in a MB."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("x.npy", "w") as stream:
+        stream.write(npy(np.zeros(0), said=(12_500_000, 10, 1)))
+        for _ in range(1000):
+            stream.write(bytes(1_000_000))
+    return path
+
+
+def fifo(path: Path) -> Path:
+    os.mkfifo(path)
+    return path
+
+
+def written(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path
+
+
+HOSTILE = {
+    "lie": lambda folder: zipped(folder / "x.npz", x=npy(np.zeros((10, 1)), said=(10**9, 10, 1))),
+    "other shape": lambda folder: zipped(folder / "x.npz", x=npy(np.zeros((11, 1)))),
+    "nan": lambda folder: zipped(folder / "x.npz", x=npy(np.full((10, 1), np.nan))),
+    "nothing known": lambda folder: zipped(folder / "x.npz", y=npy(np.zeros((10, 1)))),
+    "deep head": lambda folder: zipped(folder / "x.npz", x=b"\x93NUMPY\x01\x00\x10\x27" + b"(" * 10_000),
+    "cut": lambda folder: written(
+        folder / "x.npz", zipped(folder / "y.npz", x=npy(np.zeros((10, 1)))).read_bytes()[:-30]
+    ),
+    "no zip": lambda folder: written(folder / "x.npz", b"PK\x03\x04" + bytes(100)),
+    "gz": lambda folder: written(folder / "x.csv", gzip.compress(bytes(10**6))),
+    "field": lambda folder: written(folder / "x.csv", b'"' + b"1" * 10**6),
+    "control": lambda folder: written(folder / "x.csv", b"1\x1b[2J\n" * 10),
+    "too large": lambda folder: written(folder / "x.csv", b"1e400\n" * 10),
+    "fifo": lambda folder: fifo(folder / "x.npz"),
+    "zero": lambda folder: Path("/dev/zero"),
+    "folder": lambda folder: folder,
+}
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_hostile_start_is_refused_by_its_key(tmp_path, kind: str):
+    with pytest.raises(SpecError, match="start") as caught:
+        dd.simulate("paper-fixed", t_final=1, start=HOSTILE[kind](tmp_path))
+    assert caught.value.cure or "start" in str(caught.value.key)
+    assert "Error" not in str(caught.value) and str(caught.value).isprintable()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("code", [START, f"{WITHIN}import dobc_design as dd\ndd.load_trajectory(sys.argv[1])"])
+def test_a_gigabyte_of_zeros_is_refused_before_it_is_unpacked(tmp_path, code: str):
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(bomb(tmp_path / "x.npz"))], capture_output=True, check=False, timeout=120
+    )
+    assert b"SpecError" in done.stderr and b"x.npz" in done.stderr
+
+
+@pytest.mark.parametrize("key", ["target", "pinning.gains.1", "coupling", "network.modes.G"])
+def test_a_number_beyond_floats_is_refused_by_its_key(key: str):
+    big = {name: "1e400" if name == key else 1 for name in ("target", "pinning.gains.1", "network.modes.G")}
+    network = dd.Network.from_arcs({"G": [[1, 2, big["network.modes.G"]]]}, arrow="listens_to")
+    h = "1e400*y" if key == "coupling" else "y"
+    problem = dd.Problem(network=network, coupling=h, target=big["target"], gains={"1": big["pinning.gains.1"]})
+    with pytest.raises(SpecError, match=key) as caught:
+        dd.simulate(problem)
+    assert caught.value.key == key
+    with pytest.raises(SpecError, match=r"1\.8e308"):
+        require_floats(problem)
+
+
+@pytest.mark.parametrize("option", ["rate", "max_gain"])
+def test_a_request_beyond_floats_is_refused_by_its_key(option: str):
+    with pytest.raises(SpecError, match=f"{option} must be at most 1e100"):
+        dd.design("paper-fixed", **{option: "1e400"})
+
+
+def test_a_billion_runs_are_refused_with_the_limit():
+    with pytest.raises(SpecError, match="runs must be at most 249376 with 401 samples"):
+        dd.simulate("paper-fixed", runs=1_000_000_000)
+
+
+@pytest.mark.parametrize("field", ["rate", "id", "seconds", "verdict", "error", "case", "values"])
+def test_a_line_of_a_journal_with_a_wrong_field_is_no_line(field: str):
+    plan = make_plan("clock-sync", {"target": [0]}, task=Task(kind="certify"), samples=None, seed=0)
+    result = {name: None for name, _, _ in plan.task.columns} | {"verdict": "proved", "rate": 0.5, "starts": "box"}
+    line = {"case": 0, "id": "a" * 64, "values": list(plan.values(0)), "result": result, "error": None, "seconds": 1.0}
+    assert _is_line(line, plan)
+    assert len(SweepResult(plan=plan, lines=(line,))) == 1
+    wrong = {"rate": float("inf"), "id": "../x", "seconds": -1.0, "verdict": "surely", "error": {}, "case": True}
+    inside = field in result
+    value = wrong.get(field, [1])
+    assert not _is_line(line | ({"result": result | {field: value}} if inside else {field: value}), plan)
+
+
+def test_accents_in_two_forms_are_one_label():
+    composed, apart = (unicodedata.normalize(form, "é") for form in ("NFC", "NFD"))
+    assert composed != apart
+    network = dd.Network.from_arcs([[composed, "b"], ["b", apart]], arrow="listens_to")
+    assert network.labels == (composed, "b")
+    problem = dd.Problem(network=network, coupling="y", gains={apart: 1})
+    assert problem.pinning.agents == (0,)
+
+
+@pytest.mark.slow
+def test_a_million_dots_and_a_million_joined_buses_are_read_in_linear_time():
+    with pytest.raises(SpecError, match=r"mpc\.bus"):
+        read_matpower("." * 2_000_000, name="x.m")
+    labels = list(map(str, range(1_000_000)))
+    assert set(merged(labels, list(pairwise(labels))).values()) == {"0"}
+
+
+def test_help_shows_brackets_and_colons_as_they_are_typed():
+    for command, typed in (("sweep", "KEY=1:100:5:log"), ("simulate", "[switching]")):
+        done = subprocess.run(
+            [sys.executable, "-m", "dobc_design", command, "--help"],
+            capture_output=True,
+            check=False,
+            timeout=120,
+            env=os.environ | {"COLUMNS": "200", "TERM": "dumb"},
+        )
+        assert typed in done.stdout.decode()
+
+
+def test_a_certificate_that_fails_confirms_no_verdict():
+    certificate = dd.certify("clock-sync")
+    other = dd.Problem(network=dd.Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1})
+    found = dd.verify(certificate, other)
+    assert not found.holds
+    assert "verdict proved" not in str(found) and "no verdict is confirmed" in str(found)
+    assert "verdict proved" in str(dd.verify(certificate, dd.load_problem("clock-sync")))
+
+
+def test_a_cell_of_csv_is_no_formula_and_numbers_stay_numbers():
+    assert [_cell(x) for x in ("=1+1", "@a", "-y", "+a", "\t=1")] == ["'=1+1", "'@a", "'-y", "'+a", "'\t=1"]
+    assert [_cell(x) for x in ("-1.5", -1.5, "y", True, None, "+3")] == ["-1.5", -1.5, "y", "true", None, "+3"]

@@ -151,7 +151,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         pair = any(check.id in proofs and check.verdict is Verdict.PROVED for check in checks)
         claims = replace(claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None)
         claims = replace(claims, **{field.name: getattr(overall, field.name) for field in fields(overall)})
-    lacking = next((text for holds, text in found[FIRST + len(checks) :] if not holds), None)
+    lacking = next((text for holds, text in found if not holds), None)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
     reason = "Undecided: " + DISAGREE.format(claims.verdict.value, lacking)

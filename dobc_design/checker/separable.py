@@ -382,7 +382,10 @@ def equilibrium(case: Certificate, check: Any) -> None:
 
     (_, slopes), (values, _) = forces(p, mode, box), forces(p, mode, [[x, x] for x in middle])
     still = all(lo == hi for lo, hi in box) and not any(map(any, forces(p, mode, box, lambda x: (x, x))[0]))
-    rough = [[Fraction(round(sum(row.get(k, NOTHING)) * 2**30), 2**31) for k in range(size)] for row in slopes]
+    rough = [  # any Y is allowed, so that it may be cut off
+        [Fraction(round(max(-1e200, min(sum(row.get(k, NOTHING)), 1e200)) * 2**30), 2**31) for k in range(size)]
+        for row in slopes
+    ]
     rows, _ = echelon([x + unit for x, unit in zip(rough, identity(size), strict=True)])
     for a, (lo, hi) in enumerate(box):
         factors = [enclosed(-x) for x in rows[a][size:]]

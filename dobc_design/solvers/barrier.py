@@ -239,7 +239,8 @@ def minimise(
 def _solve(hessian: Array, gradient: Array) -> Array | None:
     """The Newton step, scaled to a unit diagonal."""
     root = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    scaled = hessian / root[:, None] / root
+    with np.errstate(over="ignore"):  # next to an edge; what is infinite has no factor or gives no finite step
+        scaled = hessian / root[:, None] / root
     for ridge in _RIDGES:
         scaled[np.diag_indices_from(scaled)] += ridge
         try:

@@ -26,6 +26,7 @@ from typing import Any, TypeVar
 
 from dobc_design import __version__
 from dobc_design.errors import DobcError, SpecError
+from dobc_design.exact.reading import shown
 from dobc_design.exact.work import read_time_limit
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.problem import Problem

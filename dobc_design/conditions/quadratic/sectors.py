@@ -16,7 +16,7 @@ from functools import cache
 from typing import Final
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.enclosures import Curve, jet, secant_range
+from dobc_design.coupling.enclosures import Curve, secant_range, slope_bound
 from dobc_design.coupling.expression import polynomial_degree, variables_used
 from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.errors import SpecError
@@ -87,8 +87,7 @@ def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
     if coupling.by_component:
         curve = Curve(coupling.components[0])
         gain = secant_range(curve, box)
-        for end in (-radius, radius):  # sqrt has a secant gain as far as it is defined, but others may need its slope
-            jet(curve, Interval.point(end))
+        slope_bound(curve, box)  # sqrt has a secant gain as far as it is defined, but others may need its slope
         m = range(coupling.dimension)
         return tuple(tuple(gain if i == j else _ZERO for j in m) for i in m)
     return _jacobian_hull(coupling, (box,) * coupling.dimension)

@@ -27,7 +27,7 @@ from dobc_design.falsification import starts as sets
 from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Certified, Level, Pair, Runs, Signals, StartSet
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.model.model import Flow, build_flow, build_model
-from dobc_design.problem.arrays import Array, Gain, chosen_gain, no_gain, pinning_matrix
+from dobc_design.problem.arrays import Array, Gain, chosen_gain, no_gain, pinning_matrix, unreached
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
@@ -399,6 +399,8 @@ def _nearest(problem: Problem, seed: int) -> Equilibrium | None:
     count = max(LEAST_STARTS, min(shared, MOST_ARCS // max(1, arcs)))  # of one kind in one mode
     horizon, rng, found = sets.settling_horizon(problem), np.random.default_rng(seed), list[Equilibrium]()
     for number, mode in enumerate(arena.modes):
+        if unreached(problem, [problem.network.modes[mode]]):
+            continue  # what rests in such a mode is moved by others: no refutation by the contract
         e = np.concatenate([box.draw(rng, count, kind)[0] for kind in (sets.CORNERS, sets.RANDOM)], axis=1)
         none, constant = np.zeros((problem.n, problem.q, 2 * count)), sets.constant_signals(np.full(2 * count, number))
         runs = sets.run_starts(arena, e, none, constant, horizon=horizon, tolerance=ROUGH, samples=SAMPLES)

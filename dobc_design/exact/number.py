@@ -126,16 +126,17 @@ def root_below(square: Fraction | int, *, unit: int) -> Fraction:
     return Fraction(math.isqrt(math.floor(square * unit * unit)), unit)
 
 
-def float_below(value: Fraction) -> float:
+def float_below(value: Fraction | int) -> float:
     """Return the largest float <= value: the largest finite one, or -inf, on overflow."""
     try:
         nearest = value.numerator / value.denominator
     except OverflowError:
         return -math.inf if value < 0 else math.nextafter(math.inf, 0.0)
-    return math.nextafter(nearest, -math.inf) if Fraction(nearest) > value else nearest + 0.0
+    top, bottom = nearest.as_integer_ratio()
+    return math.nextafter(nearest, -math.inf) if top * value.denominator > value.numerator * bottom else nearest + 0.0
 
 
-def float_above(value: Fraction) -> float:
+def float_above(value: Fraction | int) -> float:
     """Return the smallest float >= value: the most negative finite one, or inf, on overflow."""
     return 0.0 - float_below(-value)
 

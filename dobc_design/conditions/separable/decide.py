@@ -26,9 +26,10 @@ from dobc_design.coupling.tree import ZERO
 from dobc_design.errors import SpecError
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.floats import Floats, float_bounds
+from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
 from dobc_design.problem.exosystems import Exosystem
@@ -236,7 +237,7 @@ def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fract
     """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones are left to decide."""
     try:
         waiting, count, price = [Floats.around(whole)], 0, _price(row, profiles)
-        most, near = float_bounds(limit)[0], float(limit - abs(limit) / 10**9)
+        most, near = float_below(limit), float_below(limit - abs(limit) / 10**9)
         sides = _sides(row, face, profiles, waiting[0])
         while waiting:
             S = waiting.pop()

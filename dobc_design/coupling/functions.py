@@ -125,10 +125,8 @@ OTHER_NAMES: Final[dict[str, str]] = dict(pair.split(":") for pair in _OTHERS.sp
 
 
 def by_twos(name: str, arguments: tuple[T, ...], call: Callable[..., T]) -> T:
-    """Call a function through ``call(name, ...)`` of one argument, or of min or max and two.
-
-    Min and max of several are taken one after the other, clip(x, lo, hi) is min(max(x, lo), hi).
-    """
+    """Call a function through ``call(name, ...)`` of one argument, or of min or max and two.  Min and max of several
+    are taken one after the other, clip(x, lo, hi) is min(max(x, lo), hi)."""
     if name == "clip":
         inner, low, high = arguments
         return call("min", call("max", inner, low), high)

@@ -36,9 +36,7 @@ def height(value: Fraction) -> int:
 
 def round_down(value: Fraction, bits: int = BITS) -> Fraction:
     """Return a number <= value of at most ``bits`` significant bits; beyond 2^65536 that power, below 2^-65536 zero.
-
-    Raises: OverflowError for values below -2^65536.
-    """
+    Raises: OverflowError for values below -2^65536."""
     if not value:
         return value
     numerator, denominator = value.numerator, value.denominator
@@ -88,10 +86,8 @@ _GREATEST: Final = {"sin": 1, "cos": 1, "tanh": 1}
 
 
 def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
-    """Return bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x, equal where the value is rational.
-
-    They differ by about 2^-128 of the value, or of 1. Raises: OverflowError if there is no finite enclosure.
-    """
+    """Return bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x, equal where the value is rational.  They
+    differ by about 2^-128 of the value, or of 1. Raises: OverflowError if there is no finite enclosure."""
     known = _EXACT.get((name, int(x))) if x.denominator == 1 else None
     if known is not None:
         return Fraction(known), Fraction(known)
@@ -536,10 +532,8 @@ def interval_characteristic_polynomial(F: Sequence[Sequence[Interval]]) -> tuple
 
 
 def interval_routh(coefficients: Sequence[Interval | Fraction]) -> Verdict:
-    """Decide whether every polynomial with coefficients in the intervals has all roots in Re s < 0.
-
-    PROVED: all have; REFUTED: none has; UNDECIDED: an interval of Routh's first column holds 0.
-    """
+    """Decide whether every polynomial with coefficients in the intervals has all roots in Re s < 0.  PROVED: all have;
+    REFUTED: none has; UNDECIDED: an interval of Routh's first column holds 0."""
     values = [x if isinstance(x, Interval) else Interval.point(x) for x in coefficients]
     if values[0].lo <= 0 <= values[0].hi:
         return Verdict.UNDECIDED

@@ -94,11 +94,8 @@ def number_key(value: object) -> str:
 
 
 def number_text(value: Fraction) -> str:
-    """Return "16/5", or "3" for an integer.
-
-    Where the quotient would be too long for ``parse_number`` and the number is a decimal, the
-    decimal is returned ("1e-300"); reading the text always gives the number back.
-    """
+    """Return "16/5", or "3" for an integer.  Where the quotient would be too long for ``parse_number`` and the number
+    is a decimal, the decimal is returned ("1e-300"); reading the text always gives the number back."""
     quotient = quotient_text(value)
     long = max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS
     return quotient if long or len(quotient) <= MAX_CHARACTERS else _decimal_text(value) or quotient

@@ -95,11 +95,9 @@ def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
 
 
 def asked_beside(problem: Problem, checks: Sequence[Check], *, tolerance: Fraction | None) -> Asked | str:
-    """The starts whose settling time a certificate with these ``checks`` shows, or why there are none.
-
-    They are the region asked for, or where a max-separable proof reaches less far, or no region is asked for, its
-    box.  Without a ``tolerance`` it is a hundredth of the radius.
-    """
+    """The starts whose settling time a certificate with these ``checks`` shows, or why there are none.  They are the
+    region asked for, or where a max-separable proof reaches less far, or no region is asked for, its box.  Without a
+    ``tolerance`` it is a hundredth of the radius."""
     found, box = next((check for check in checks if check.id == "max-separable"), None), None
     if found is not None and found.verdict is not Verdict.PROVED:
         prefix = "" if found.applies else "does not apply: "

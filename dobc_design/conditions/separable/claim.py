@@ -215,12 +215,9 @@ def rows(
     gains: Sequence[Fraction] | None = None,
     agents: Collection[int] | None = None,
 ) -> Iterator[tuple[Row, Place]]:
-    """List the different rows of the given modes (default: all); both faces have the same terms.
-
-    ``stretch`` >= 1 multiplies the v_j of those who are listened to (delays, theory section 5).
-    ``gains``: one per agent in place of ``holding_gains``.  ``agents``: only theirs.
-    Raises: ShapeError unless v has one entry per agent.
-    """
+    """List the different rows of the given modes (default: all); both faces have the same terms.  ``stretch`` >= 1
+    multiplies the v_j of those who are listened to (delays, theory section 5). ``gains``: one per agent in place of
+    ``holding_gains``.  ``agents``: only theirs. Raises: ShapeError unless v has one entry per agent."""
     require_one_per_agent(problem, v)
     gains = holding_gains(problem) if gains is None else gains
     found: dict[Row, Place] = {}

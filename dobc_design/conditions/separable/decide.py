@@ -73,11 +73,9 @@ class _Question:
 
 
 def verify_separable(problem: Problem, claim: Separable, *, stretch: Fraction | int = 1) -> SeparableAnswer:
-    """Decide the rows of ``claim`` in every mode.
-
-    REFUTED says that these numbers fail at the place shown, not that consensus fails.  ``stretch`` >= 1: the
-    v_j of those who are listened to are multiplied by it (``timing``).  Raises: ShapeError, as ``rows``.
-    """
+    """Decide the rows of ``claim`` in every mode.  REFUTED says that these numbers fail at the place shown, not that
+    consensus fails.  ``stretch`` >= 1: the v_j of those who are listened to are multiplied by it (``timing``).  Raises:
+    ShapeError, as ``rows``."""
     question = _ask(problem, claim.v, claim.rho, stretch)
     if isinstance(question, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
@@ -435,11 +433,9 @@ def _overlap(left: Interval, right: Interval) -> bool:
 
 
 def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> SeparableAnswer:
-    """Decide a whole certificate: its rows and, with an exosystem, the observer's part for the gain W (q, m).
-
-    PROVED: V = N + kappa E (V = N without an exosystem) decays at least at ``composite_rate`` from every start with
-    V <= rho, for arbitrary switching.
-    """
+    """Decide a whole certificate: its rows and, with an exosystem, the observer's part for the gain W (q, m).  PROVED:
+    V = N + kappa E (V = N without an exosystem) decays at least at ``composite_rate`` from every start with V <= rho,
+    for arbitrary switching."""
     exosystem = problem.joint_exosystem
     if exosystem is not None:
         if W is None or claim.error is None:

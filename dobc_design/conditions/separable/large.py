@@ -90,11 +90,9 @@ class GainTable:
 
 @lru_cache(maxsize=_KEPT)
 def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) -> GainTable:
-    """Enclose g on [-radius, radius]; the table reaches a little further, so that its nodes are floats.
-
-    A few tables are kept, since one claim asks for the same several times; their arrays cannot be written to.
-    Raises: exact.interval.UndefinedError where g cannot be enclosed.
-    """
+    """Enclose g on [-radius, radius]; the table reaches a little further, so that its nodes are floats.  A few tables
+    are kept, since one claim asks for the same several times; their arrays cannot be written to. Raises:
+    exact.interval.UndefinedError where g cannot be enclosed."""
     curve = Curve(expression)
     unit = Fraction(2) ** (math.frexp(float_above(radius))[1] - 5 if radius > 0 else -20)
     reach = unit * (radius // unit + 1)
@@ -301,11 +299,9 @@ def arc_rows(problem: Problem, v: Sequence[Fraction], mode: str, *, stretch: Fra
 def float_kinds(
     profiles: Sequence[Profile], modes: Sequence[ArcRows], *, rho: Fraction, cells: int = CELLS
 ) -> Kinds | None:
-    """Bring the couplings into floats, as far out as these rows look; None if one of them turns too often.
-
-    ``cells``: of a table; half as many where it reaches to the left ends, which seldom decide.
-    Raises: exact.interval.UndefinedError where a gain cannot be enclosed.
-    """
+    """Bring the couplings into floats, as far out as these rows look; None if one of them turns too often.  ``cells``:
+    of a table; half as many where it reaches to the left ends, which seldom decide. Raises:
+    exact.interval.UndefinedError where a gain cannot be enclosed."""
     tables, turns = [], {}
     steps, reaches = np.zeros(len(profiles)), np.zeros(len(profiles))
     for each in modes:

@@ -60,11 +60,9 @@ def longest_delay(problem: Problem, claim: Separable, *, rate: Fraction) -> Dela
 
 
 def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
-    """The largest sampling period, about, that is certified by ``claim`` (proved before).
-
-    The period is at most 1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a face.
-    None where the certificate does not apply, or the slopes are not bounded.
-    """
+    """The largest sampling period, about, that is certified by ``claim`` (proved before).  The period is at most
+    1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a face. None where the certificate does
+    not apply, or the slopes are not bounded."""
     stiffest = _stiffest(problem, claim)
     period = _ZERO if isinstance(stiffest, str) or stiffest <= 0 else rounded_down(1 / stiffest)
     return SamplingBound(period=period, factor=1 - period * claim.alpha) if period > 0 else None

@@ -181,11 +181,9 @@ _LONGEST_SUGGESTION = 100
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Expression:
-    """A function of y (dimension 1) or of y1..ym; made by ``parse_expression``.
-
-    ``text`` is what the user typed, ``node`` the tree, ``str()`` the canonical text, which parses back to
-    the same tree.  Two expressions are equal when their trees and dimensions are.
-    """
+    """A function of y (dimension 1) or of y1..ym; made by ``parse_expression``.  ``text`` is what the user typed,
+    ``node`` the tree, ``str()`` the canonical text, which parses back to the same tree.  Two expressions are equal when
+    their trees and dimensions are."""
 
     text: str = field(compare=False)
     node: tree.Node

@@ -143,11 +143,8 @@ class Call(Node):
 
 
 class Algebra(Protocol[T]):
-    """The operations on one kind of value.
-
-    ``power`` gets integer exponents of at most 64 in size; ``call`` gets the names in ``functions``: min and max
-    with two or more arguments, clip with (x, lo, hi), all others with one.
-    """
+    """The operations on one kind of value.  ``power`` gets integer exponents of at most 64 in size; ``call`` gets the
+    names in ``functions``: min and max with two or more arguments, clip with (x, lo, hi), all others with one."""
 
     def constant(self, value: Fraction) -> T: ...
     def pi(self) -> T: ...
@@ -276,9 +273,7 @@ class IntervalAlgebra(Operators):
 
 class Jet(NamedTuple):
     """Enclosures of a value and its partial derivatives (Clarke's at a kink) on a box, in one variable also of h''.
-
-    ``curvature`` is None where it is not asked for, or where there may be a kink and h'' is not defined everywhere.
-    """
+    ``curvature`` is None where it is not asked for, or where there may be a kink and h'' is not defined everywhere."""
 
     value: Interval
     partials: tuple[Interval, ...]

@@ -42,11 +42,9 @@ _WITNESS_BITS: Final = (1, 2, 4, 8, 16, 32, 64)
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Definiteness(Shown):
-    """A decision with its proof method, a short sentence that names the path by size and structure.
-
-    Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against "semidefinite". Proved by a vector:
-    the positive integers v, with M v > 0 (>= 0), positive entries beside the diagonal taken as negative.
-    """
+    """A decision with its proof method, a short sentence that names the path by size and structure.  Refuted: an
+    integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against "semidefinite". Proved by a vector: the positive
+    integers v, with M v > 0 (>= 0), positive entries beside the diagonal taken as negative."""
 
     verdict: Verdict
     method: str

@@ -35,9 +35,7 @@ def _above(x: float, y: float) -> float:
 
 class Floats(Interval):
     """The closed interval from bottom to top; numbers and other intervals are taken as the least one that holds them.
-
-    Raises: UndefinedError for ends beyond LARGEST, or where bottom <= top is not true.
-    """
+    Raises: UndefinedError for ends beyond LARGEST, or where bottom <= top is not true."""
 
     __slots__ = ("bottom", "top")
     __setattr__ = object.__setattr__

@@ -157,10 +157,8 @@ class UndefinedError(ArithmeticError):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Interval(Shown):
-    """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.
-
-    Raises: SpecError if lo > hi or an end is not an int or Fraction.
-    """
+    """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.  Raises: SpecError if
+    lo > hi or an end is not an int or Fraction."""
 
     lo: Fraction
     hi: Fraction

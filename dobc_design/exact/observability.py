@@ -18,11 +18,8 @@ from dobc_design.verdict import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Observability(Shown):
-    """Rank of the observability matrix of (A, C), A (q, q), and what C never sees.
-
-    ``verdict`` is PROVED iff rank = size; ``unobservable`` is a basis of the states xi0 from which
-    d = C xi stays 0, q entries each.
-    """
+    """Rank of the observability matrix of (A, C), A (q, q), and what C never sees.  ``verdict`` is PROVED iff rank =
+    size; ``unobservable`` is a basis of the states xi0 from which d = C xi stays 0, q entries each."""
 
     rank: int
     size: int
@@ -32,11 +29,9 @@ class Observability(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Detectability(Shown):
-    """Whether what C never sees dies out by itself.
-
-    ``unobservable_polynomial`` is the characteristic polynomial of A on the unobservable subspace,
-    highest power first, (1,) if that is {0}; ``table`` is its Routh table and ``verdict`` follows.
-    """
+    """Whether what C never sees dies out by itself.  ``unobservable_polynomial`` is the characteristic polynomial of A
+    on the unobservable subspace, highest power first, (1,) if that is {0}; ``table`` is its Routh table and ``verdict``
+    follows."""
 
     verdict: Verdict
     unobservable_polynomial: Coefficients

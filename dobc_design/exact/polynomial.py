@@ -27,12 +27,9 @@ Coefficients = tuple[Fraction, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class RouthTable(Shown):
-    """Routh's test of one polynomial.
-
-    ``first_column`` is for the polynomial made monic, and ends with the first entry <= 0.
-    ``verdict`` is PROVED iff every root has a negative real part, else REFUTED; ``failing_row`` is
-    the index of that last entry, counted from 0 (row 0 is the leading coefficient), or None.
-    """
+    """Routh's test of one polynomial.  ``first_column`` is for the polynomial made monic, and ends with the first entry
+    <= 0. ``verdict`` is PROVED iff every root has a negative real part, else REFUTED; ``failing_row`` is the index of
+    that last entry, counted from 0 (row 0 is the leading coefficient), or None."""
 
     first_column: Coefficients
     verdict: Verdict

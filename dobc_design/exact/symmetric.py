@@ -20,10 +20,8 @@ from dobc_design.exact.matrix import Matrix
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SparseSymmetric(Shown):
-    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle; for reading only.
-
-    Zeros are dropped: equal matrices are equal objects. Raises: ShapeError for an index outside the upper triangle.
-    """
+    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle; for reading only.  Zeros
+    are dropped: equal matrices are equal objects. Raises: ShapeError for an index outside the upper triangle."""
 
     size: int
     entries: Mapping[tuple[int, int], Fraction]

@@ -57,10 +57,8 @@ def _flat(numbers: Any) -> Iterator[Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArcTable:
-    """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of problem.couplings.
-
-    Its weight is ``weights[weight[a]]``; ``weights`` holds each different one once.  Arrays of one length.
-    """
+    """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of problem.couplings.  Its
+    weight is ``weights[weight[a]]``; ``weights`` holds each different one once.  Arrays of one length."""
 
     listeners: IndexArray
     speakers: IndexArray

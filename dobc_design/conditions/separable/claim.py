@@ -45,11 +45,9 @@ class ErrorBound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Separable:
-    """A claim: the rows hold for v (one entry per agent), alpha (1/s) and all s in (0, rho].
-
-    ``rho`` None: for every s > 0.  ``error``: the observer's part, None without an exosystem.
-    Raises: ShapeError or SpecError unless v > 0, alpha > 0 and rho > 0.
-    """
+    """A claim: the rows hold for v (one entry per agent), alpha (1/s) and all s in (0, rho].  ``rho`` None: for every s
+    > 0.  ``error``: the observer's part, None without an exosystem. Raises: ShapeError or SpecError unless v > 0, alpha
+    > 0 and rho > 0."""
 
     v: Vector | Doubles
     alpha: Fraction

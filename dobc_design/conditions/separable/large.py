@@ -138,11 +138,9 @@ MOST_TURNS: Final = 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """One coupling that is not nondecreasing, for one face (the lower one has -h(-y) in place of h).
-
-    ``table`` reaches to the left ends.  ``falls``: where h is not shown to rise.  ``tops``: where it may have a
-    maximum, with an upper bound of what it takes there.
-    """
+    """One coupling that is not nondecreasing, for one face (the lower one has -h(-y) in place of h).  ``table`` reaches
+    to the left ends.  ``falls``: where h is not shown to rise.  ``tops``: where it may have a maximum, with an upper
+    bound of what it takes there."""
 
     table: GainTable
     face: int
@@ -249,11 +247,9 @@ _SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcRows:
-    """The arcs of one mode by listener: those of agent i are start[i]:start[i + 1].
-
-    ``steps`` are at least v_j - v_i, ``reaches`` at least v_i + v_j; ``weights`` and ``own`` (v) are lower and upper
-    bounds, None for weights that are all 1.
-    """
+    """The arcs of one mode by listener: those of agent i are start[i]:start[i + 1].  ``steps`` are at least v_j - v_i,
+    ``reaches`` at least v_i + v_j; ``weights`` and ``own`` (v) are lower and upper bounds, None for weights that are
+    all 1."""
 
     start: Any
     steps: Array

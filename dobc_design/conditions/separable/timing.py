@@ -115,11 +115,9 @@ def sampled_factor(claim: Separable, bound: SamplingBound) -> Fraction:
 
 
 class _Steepest:
-    """The largest mean slope, at least 0, of a coupling on the ways that a held step can take; each interval once.
-
-    A part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in s [step, step + 2 x v_i] where h is
-    nondecreasing, because e_j = s v_j is then the worst.  The mean over x is bounded slice by slice.
-    """
+    """The largest mean slope, at least 0, of a coupling on the ways that a held step can take; each interval once.  A
+    part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in s [step, step + 2 x v_i] where h is
+    nondecreasing, because e_j = s v_j is then the worst.  The mean over x is bounded slice by slice."""
 
     def __init__(self, profiles: Sequence[Profile], rho: Fraction | None, *, grid: Fraction | None) -> None:
         self.profiles = profiles

@@ -18,6 +18,7 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, float_below, number_text, root_above, root_below, to_fmpq
+from dobc_design.exact.polynomial import routh_column
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -537,17 +538,13 @@ def interval_routh(coefficients: Sequence[Interval | Fraction]) -> Verdict:
         return Verdict.UNDECIDED
     if values[0].hi < 0:
         values = [-x for x in values]
-    upper, lower = values[0::2], values[1::2]
     try:
-        while lower and lower[0].lo > 0:
-            factor = upper[0] / lower[0]
-            below = [*lower[1:], *([Interval.point(0)] * (len(upper) - len(lower)))]
-            upper, lower = lower, [x - factor * y for x, y in zip(upper[1:], below, strict=True)]
+        for entry in routh_column(values):
+            if not entry.lo > 0:
+                return Verdict.REFUTED if entry.hi <= 0 else Verdict.UNDECIDED
     except UndefinedError:
         return Verdict.UNDECIDED
-    if not lower:
-        return Verdict.PROVED
-    return Verdict.REFUTED if lower[0].hi <= 0 else Verdict.UNDECIDED
+    return Verdict.PROVED
 
 
 def _total(terms: Sequence[Interval]) -> Interval:

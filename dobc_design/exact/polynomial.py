@@ -6,7 +6,7 @@ means not Hurwitz. Polynomials are coefficient tuples, highest power first. No r
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -46,18 +46,23 @@ def routh(coefficients: Sequence[Fraction | int]) -> RouthTable:
     """Decide exactly whether all roots of a polynomial lie in the open left half plane.  Leading zeros are dropped; a
     nonzero constant has no roots, and is PROVED. Raises: SpecError for the zero polynomial. Source: Routh 1877; theory,
     section 3."""
-    monic = _monic(coefficients)
-    upper, lower = list(monic[0::2]), list(monic[1::2])
-    column = [upper[0]]
-    while lower and lower[0] > 0:
-        column.append(lower[0])
+    column = []
+    for entry in routh_column(_monic(coefficients)):
+        column.append(entry)
+        if entry <= 0:
+            return RouthTable(first_column=tuple(column), verdict=Verdict.REFUTED, failing_row=len(column) - 1)
+    return RouthTable(first_column=tuple(column), verdict=Verdict.PROVED, failing_row=None)
+
+
+def routh_column(coefficients: Sequence[Any]) -> Iterator[Any]:
+    """Return the entries of Routh's first column, rationals or intervals, as long as they are asked for."""
+    upper, lower = coefficients[0::2], coefficients[1::2]
+    yield upper[0]
+    while lower:
+        yield lower[0]
         factor = upper[0] / lower[0]
         below = [*lower[1:], *([Fraction(0)] * (len(upper) - len(lower)))]
         upper, lower = lower, [x - factor * y for x, y in zip(upper[1:], below, strict=True)]
-    if lower:
-        column.append(lower[0])
-        return RouthTable(first_column=tuple(column), verdict=Verdict.REFUTED, failing_row=len(column) - 1)
-    return RouthTable(first_column=tuple(column), verdict=Verdict.PROVED, failing_row=None)
 
 
 def decide_hurwitz(A: Matrix) -> RouthTable:

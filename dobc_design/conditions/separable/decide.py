@@ -15,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
+from typing import Final, NamedTuple
 
 from dobc_design.conditions.numbers import rounded_down, shorten
 from dobc_design.conditions.separable import claim as claims
@@ -296,43 +296,39 @@ def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
     return total
 
 
-@dataclass(frozen=True, slots=True)
-class _End:
-    """An end y = s t of the interval of a term: t, on the face that it is mirrored to, and the weight times t."""
-
-    t: Interval
-    mirrored: Interval
-    weighted: Interval
-    zero: bool
-
-
-@dataclass(frozen=True, slots=True)
-class _Side:
-    """A term on one face with its numbers in the arithmetic of the intervals S: ``whole`` from left to right, mirrored
-    to the face, ``bend`` the weight times step^2."""
+class _Side(NamedTuple):
+    """A term on one face with its numbers in the arithmetic of the intervals S: y = s t lies between the ends ``left``
+    and ``right``; ``whole`` holds both, mirrored to the face; ``bend`` is the weight times step^2."""
 
     term: Term
     kind: Profile
     face: int
     weight: Interval
-    left: _End
-    right: _End
+    left: Interval
+    right: Interval
+    weighted: Interval  # right, times the weight
     whole: Interval
     bend: Interval
 
+    def mirrored(self, y: Interval) -> Interval:
+        return y if self.face > 0 else -y
+
+    @property
+    def turns(self) -> tuple[Cell, ...]:
+        """Where phi may have a maximum."""
+        return self.kind.tops if self.face > 0 else self.kind.bottoms
+
 
 def _sides(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -> list[_Side]:
-    def end(term: Term, t: Fraction) -> _End:
-        return _End(S.like(t), S.like(face * t), S.like(term.weight * t), not t)
-
     return [
         _Side(
             term=term,
             kind=profiles[term.coupling],
             face=face,
             weight=S.like(term.weight),
-            left=end(term, -term.reach),
-            right=end(term, term.step),
+            left=S.like(-term.reach),
+            right=S.like(term.step),
+            weighted=S.like(term.weight * term.step),
             whole=S.like(Interval(-term.reach, term.step) * face),
             bend=S.like(face * term.weight * term.step**2),
         )
@@ -348,10 +344,10 @@ def upper_bound(sides: Sequence[_Side], S: Interval) -> Interval:
     for side in sides:
         if not _rises(side, S):
             others = others + _largest(side, S) * side.weight
-        elif not side.right.zero:
+        elif not side.right.is_zero:
             rising.append(side)
-            found = secant(side.kind.curve, S * side.right.mirrored)
-            total = total + found.value * side.right.weighted
+            found = secant(side.kind.curve, side.mirrored(S * side.right))
+            total = total + found.value * side.weighted
             if smooth and found.slope is not None:
                 change = change + found.slope * side.bend
             else:
@@ -359,7 +355,7 @@ def upper_bound(sides: Sequence[_Side], S: Interval) -> Interval:
     if smooth and rising:
         at, value = S.middle() if not change.sign else S.ends()[change.sign > 0], ZERO
         for side in rising:
-            value = value + secant(side.kind.curve, at * side.right.mirrored).value * side.right.weighted
+            value = value + secant(side.kind.curve, side.mirrored(at * side.right)).value * side.weighted
         total = total.meet(value + change * (S - at))
     return total + others
 
@@ -372,16 +368,16 @@ def lower_bound(sides: Sequence[_Side], s: Interval) -> Fraction:
         asked = s * side.whole
         inside = (
             cell.values.lo / s.lo if side.face > 0 else -cell.values.hi / s.lo
-            for cell in _turns(side)
+            for cell in side.turns
             if asked.lo <= cell.place.lo and cell.place.hi <= asked.hi
         )
         total += side.term.weight * max(*ends, *inside)
     return total
 
 
-def _secant_times(side: _Side, end: _End, S: Interval) -> Interval:
+def _secant_times(side: _Side, t: Interval, S: Interval) -> Interval:
     """t g(s t) for s in S, for h or for -h(-y): the value h(s t)/s."""
-    return ZERO if end.zero else secant(side.kind.curve, S * end.mirrored).value * end.t
+    return ZERO if t.is_zero else secant(side.kind.curve, side.mirrored(S * t)).value * t
 
 
 def _rises(side: _Side, S: Interval) -> bool:
@@ -396,13 +392,13 @@ def _largest(side: _Side, S: Interval) -> Interval:
     """An interval whose upper end phi does not exceed on S, where h may turn: both ends, and every place where it may
     have a maximum."""
     natural = secant(side.kind.curve, S * side.whole).value * side.whole * side.face
-    if not S.bottom and any(cell.place.contains(0) for cell in _turns(side)):
+    if not S.bottom and any(cell.place.contains(0) for cell in side.turns):
         return natural
     bounds = [_secant_times(side, side.right, S)]
-    left = S * side.left.mirrored
+    left = side.mirrored(S * side.left)
     if any(cell.direction < 0 and _overlap(cell.place, left) for cell in side.kind.cells):
         bounds.append(_secant_times(side, side.left, S))
-    for cell in _turns(side):
+    for cell in side.turns:
         when = _within(cell.place * side.face, side.term, S)
         if when is not None:
             bounds.append(cell.values * side.face / when)
@@ -422,10 +418,6 @@ def _within(place: Interval, term: Term, S: Interval) -> Interval | None:
         if term.step < 0:
             hi = min(hi, place.lo / term.step)
     return S.like(Interval(lo, hi)) if lo <= hi else None
-
-
-def _turns(side: _Side) -> tuple[Cell, ...]:
-    return side.kind.tops if side.face > 0 else side.kind.bottoms
 
 
 def _overlap(left: Interval, right: Interval) -> bool:

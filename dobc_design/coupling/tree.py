@@ -18,7 +18,7 @@ import numpy as np
 from dobc_design.coupling.functions import FUNCTIONS, Array, by_twos
 from dobc_design.exact import interval
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.number import number_key
+from dobc_design.exact.number import nearest, number_key
 
 T = TypeVar("T")
 
@@ -246,10 +246,7 @@ class NumpyAlgebra(Operators):
     """Float64 arrays with broadcasting; a constant beyond the floats is infinite."""
 
     def constant(self, value: Fraction) -> Array:
-        try:
-            return np.asarray(value.numerator / value.denominator, dtype=np.float64)
-        except OverflowError:
-            return np.asarray(np.inf if value > 0 else -np.inf)
+        return np.asarray(nearest(value))
 
     def pi(self) -> Array:
         return np.asarray(np.pi)

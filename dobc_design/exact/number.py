@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Final
@@ -136,6 +136,25 @@ def float_below(value: Fraction | int) -> float:
 def float_above(value: Fraction | int) -> float:
     """Return the smallest float >= value: the most negative finite one, or inf, on overflow."""
     return 0.0 - float_below(-value)
+
+
+def nearest(x: Fraction) -> float:
+    """Return the nearest float, or an infinity beyond them."""
+    try:
+        return float(x)
+    except OverflowError:
+        return math.inf if x > 0 else -math.inf
+
+
+def common_denominator(values: Iterable[Fraction], *, bits: int, start: int = 1) -> int | None:
+    """Return the least common multiple of the denominators and ``start``; None as soon as it has more than ``bits``."""
+    common = start
+    for value in values:
+        if common % value.denominator:
+            common = math.lcm(common, value.denominator)
+            if common.bit_length() > bits:
+                return None
+    return common
 
 
 def _of_text(text: str, value: object, key: str) -> Fraction:

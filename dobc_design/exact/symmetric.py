@@ -16,6 +16,7 @@ from dobc_design._show.cards import Card, Shown, plain
 from dobc_design._show.text import MAX_SHOWN
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import common_denominator
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -303,12 +304,8 @@ def in_integers(M: Symmetric) -> IntegerSymmetric | None:
     """Return the same matrix in arrays, or None if its least common denominator is longer than 512 bits."""
     if isinstance(M, IntegerSymmetric):
         return M
-    common = 1
-    for denominator in {x.denominator for x in M.entries.values()}:
-        common = math.lcm(common, denominator)
-        if common.bit_length() > DENOMINATOR_BITS:
-            return None
-    return IntegerSymmetric.from_sparse(M)
+    short = common_denominator(M.entries.values(), bits=DENOMINATOR_BITS) is not None
+    return IntegerSymmetric.from_sparse(M) if short else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

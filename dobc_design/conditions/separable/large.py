@@ -198,11 +198,11 @@ class Turning:
 def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
     """Bring a coupling into floats; None if it turns too often."""
     tops = kind.tops if face > 0 else kind.bottoms
-    falls = tuple(_joined(_outward(cell.place, face) for cell in kind.cells if cell.direction <= 0))
+    falls = tuple(_joined((cell.place * face).floats() for cell in kind.cells if cell.direction <= 0))
     if len(tops) > MOST_TURNS or len(falls) > MOST_TURNS:
         return None
     values = [float_above(cell.values.hi if face > 0 else -cell.values.lo) for cell in tops]
-    places = tuple((*_outward(cell.place, face), value) for cell, value in zip(tops, values, strict=True))
+    places = tuple((*(cell.place * face).floats(), value) for cell, value in zip(tops, values, strict=True))
     return Turning(table=table, face=face, falls=falls, tops=places)
 
 
@@ -220,11 +220,6 @@ def _when(low: float, high: float, steps: Array, reaches: Array, s: float, t: fl
 
 def _right_end(steps: Array, s: float, t: float) -> Array:
     return np.maximum(up(s * steps), up(t * steps))
-
-
-def _outward(place: Interval, face: int) -> tuple[float, float]:
-    mirrored = place if face > 0 else -place
-    return float_below(mirrored.lo), float_above(mirrored.hi)
 
 
 def _joined(places: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -289,7 +289,7 @@ class Interval(Shown):
         return _enclose(self.lo + y.lo, self.hi + y.hi, "+", self, y)
 
     def __sub__(self, other: Interval | Fraction | int) -> Interval:
-        return self + -self.like(other)
+        return self + -other
 
     def __mul__(self, other: Interval | Fraction | int) -> Interval:
         x, y = self, _interval(other)

@@ -48,11 +48,8 @@ class Values:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Witness(Shown):
-    """Why something is refuted.
-
-    ``kind``: "vector" (rational v with v'Mv >= 0), "agents", "polynomial" (a factor that does not decay),
-    "routh_row", "farkas", "start".  ``labels`` name agents, ``values`` are exact numbers as text.
-    """
+    """Why something is refuted.  ``kind``: "vector" (rational v with v'Mv >= 0), "agents", "polynomial" (a factor that
+    does not decay), "routh_row", "farkas", "start".  ``labels`` name agents, ``values`` are exact numbers as text."""
 
     kind: str
     labels: tuple[str, ...] | None = None

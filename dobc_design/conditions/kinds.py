@@ -32,11 +32,8 @@ _CHECKERS: Final = {"observer": "consensus", "boxes": "quadratic", "equilibrium"
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Kind(Shown):
-    """One kind of check.
-
-    ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are the words of reports, the fields from
-    ``title`` to ``source`` those of `dobc explain`; ``statement`` is LaTeX.
-    """
+    """One kind of check.  ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are the words of reports,
+    the fields from ``title`` to ``source`` those of `dobc explain`; ``statement`` is LaTeX."""
 
     id: str
     topic: str

@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import MAX_CHARACTERS, MAX_EXPONENT, float_above, float_below, number_text, parse_number
+from dobc_design.exact.number import (
+    MAX_CHARACTERS,
+    MAX_EXPONENT,
+    common_denominator,
+    float_above,
+    float_below,
+    number_text,
+    parse_number,
+)
 from dobc_design.exact.symmetric import Doubles
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
@@ -137,12 +145,7 @@ def is_short(matrix: Matrix) -> bool:
 
 def has_short_denominator(values: Iterable[Fraction], limit: int) -> bool:
     """Whether the common denominator has at most ``limit`` bits; stops as soon as it has more."""
-    common = 1
-    for value in values:
-        common = math.lcm(common, value.denominator)
-        if common.bit_length() > limit:
-            return False
-    return True
+    return common_denominator(values, bits=limit) is not None
 
 
 def doubles_to_json(doubles: NDArray[np.float64]) -> dict[str, str]:

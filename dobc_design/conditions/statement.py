@@ -13,11 +13,8 @@ from dobc_design.verdict import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Statement(Shown):
-    """What was decided, and how.
-
-    ``kind``: "detectable", "hurwitz", "rate", "region", "gain", "noise", "lyapunov", "peak", "sampled" or a reason for
-    impossibility.  ``text`` is a sentence; ``exact`` holds exact values as text.
-    """
+    """What was decided, and how.  ``kind``: "detectable", "hurwitz", "rate", "region", "gain", "noise", "lyapunov",
+    "peak", "sampled" or a reason for impossibility.  ``text`` is a sentence; ``exact`` holds exact values as text."""
 
     kind: str
     text: str

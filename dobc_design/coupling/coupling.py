@@ -91,10 +91,8 @@ class Coupling(Shown):
         return f"<Coupling {cut('; '.join(self.texts))}>"
 
     def jacobian_at_zero(self) -> tuple[tuple[Interval, ...], ...]:
-        """Enclose dh/dy at y = 0; exact (points) where the entries are known to be rational.
-
-        Shapes: (m, m), diagonal if h acts by component.  At a kink: the hull of the slopes.
-        """
+        """Enclose dh/dy at y = 0; exact (points) where the entries are known to be rational.  Shapes: (m, m), diagonal
+        if h acts by component.  At a kink: the hull of the slopes."""
         rows = [_gradient(expression, at=tree.ZERO) for expression in self.components]
         if not self.by_component:
             return tuple(rows)

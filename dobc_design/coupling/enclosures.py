@@ -110,11 +110,9 @@ def jet(curve: Curve, Y: Interval, *, restricted: bool = False) -> Jet:
 
 @lru_cache(maxsize=_REMEMBERED)
 def secant(curve: Curve, Y: Interval) -> Secant:
-    """Enclose g and g' on Y by a few evaluations; end points where g is shown to be monotone.
-
-    g' = (h' - g)/y away from 0, and g'(y) = int_0^1 s h''(s y) ds lies in half the hull of h'' between 0 and y.
-    Raises: UndefinedError where h has no value on Y, or no bounded slope on a Y that contains 0.
-    """
+    """Enclose g and g' on Y by a few evaluations; end points where g is shown to be monotone.  g' = (h' - g)/y away
+    from 0, and g'(y) = int_0^1 s h''(s y) ds lies in half the hull of h'' between 0 and y. Raises: UndefinedError where
+    h has no value on Y, or no bounded slope on a Y that contains 0."""
     if Y.is_narrow:
         return Secant(_secant_at(curve, Y), None)
     known, slope = _from_zero(curve, Y) if Y.contains(0) else _from_both(curve, Y)
@@ -159,9 +157,7 @@ def slope_bound(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -
 
 def secant_range(curve: Curve, Y: Interval, *, tolerance: Fraction = TOLERANCE) -> Interval:
     """Enclose {g(y) : y in Y}, g(y) = h(y)/y and g(0) = h'(0), at most about ``tolerance`` too wide at each end.
-
-    Raises: UndefinedError naming h and the interval where h is not defined between 0 and Y.
-    """
+    Raises: UndefinedError naming h and the interval where h is not defined between 0 and Y."""
     return tight_range(curve, lambda h, piece: secant(h, piece).value, Y, tolerance=tolerance, what="h(y)/y")
 
 

@@ -181,11 +181,9 @@ _LONGEST_SUGGESTION = 100
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Expression:
-    """A function of y (dimension 1) or of y1..ym; made by ``parse_expression``.
-
-    ``text`` is what the user typed, ``node`` the tree, ``str()`` the canonical text, which parses back to
-    the same tree.  Two expressions are equal when their trees and dimensions are.
-    """
+    """A function of y (dimension 1) or of y1..ym; made by ``parse_expression``.  ``text`` is what the user typed,
+    ``node`` the tree, ``str()`` the canonical text, which parses back to the same tree.  Two expressions are equal when
+    their trees and dimensions are."""
 
     text: str = field(compare=False)
     node: tree.Node
@@ -230,7 +228,8 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
     except Fault as fault:
         raise _refusal(text, fault, dimension=dimension, key=key) from None
     canonical = str(expression)
-    if len(canonical) > LONGEST or _nesting(canonical) > DEEPEST:
+    nesting = max(accumulate((character == "(") - (character == ")") for character in canonical))
+    if len(canonical) > LONGEST or nesting > DEEPEST:
         what = (
             f"{excerpt(text, width=30)} must fit into {LONGEST} characters and {DEEPEST} nested"
             " parentheses when **0.5 is written as sqrt."
@@ -270,10 +269,6 @@ def nonsmooth_functions(node: tree.Node) -> tuple[str, ...]:
 def variables_used(node: tree.Node) -> tuple[int, ...]:
     """Return the indices, from 0 and increasing, of the variables that occur."""
     return tuple(sorted({part.index for part in tree.postorder(node) if isinstance(part, tree.Variable)}))
-
-
-def _nesting(text: str) -> int:
-    return max(accumulate(((character == "(") - (character == ")") for character in text), initial=0))
 
 
 def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> SpecError:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from math import inf
+from operator import methodcaller
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -79,13 +80,19 @@ _ROWS: Final = (
     Function(
         "tan", interval.tan, lambda x, f: 1 + f**2, lambda x, f, s: 2 * f * s, lambda x, far: 2 * (1 + np.tan(x) ** 2)
     ),
-    Function("tanh", interval.tanh, lambda x, f: 1 - f**2, lambda x, f, s: -2 * f * s),
-    Function("atan", interval.atan, lambda x, f: 1 / (1 + x**2), lambda x, f, s: -2 * x * s**2, numpy="arctan"),
+    Function("tanh", methodcaller("increasing", "tanh"), lambda x, f: 1 - f**2, lambda x, f, s: -2 * f * s),
+    Function(
+        "atan",
+        methodcaller("increasing", "atan"),
+        lambda x, f: 1 / (1 + x**2),
+        lambda x, f, s: -2 * x * s**2,
+        numpy="arctan",
+    ),
     Function("sinh", interval.sinh, lambda x, f: interval.cosh(x), lambda x, f, s: f, _cosh),
     Function("cosh", interval.cosh, lambda x, f: interval.sinh(x), lambda x, f, s: f, _cosh),
     Function(
         "asinh",
-        lambda x: interval.increasing("asinh", x),
+        methodcaller("increasing", "asinh"),
         lambda x, f: 1 / interval.sqrt(1 + x**2),
         lambda x, f, s: -x * s**3,
         numpy="arcsinh",
@@ -97,7 +104,7 @@ _ROWS: Final = (
         lambda x, f, s: -1 / (4 * f**3),
         lambda x, far: 0.5 / np.sqrt(np.maximum(2 * x - far, 0)),
     ),
-    Function("abs", interval.absolute, _sign, casadi="fabs", sympy="Abs"),
+    Function("abs", abs, _sign, casadi="fabs", sympy="Abs"),
     Function("min", interval.minimum, numpy="minimum", casadi="fmin", sympy="Min", arguments=(2, inf)),
     Function("max", interval.maximum, numpy="maximum", casadi="fmax", sympy="Max", arguments=(2, inf)),
     Function("clip", interval.clip, arguments=(3, 3)),
@@ -118,10 +125,8 @@ OTHER_NAMES: Final[dict[str, str]] = dict(pair.split(":") for pair in _OTHERS.sp
 
 
 def by_twos(name: str, arguments: tuple[T, ...], call: Callable[..., T]) -> T:
-    """Call a function through ``call(name, ...)`` of one argument, or of min or max and two.
-
-    Min and max of several are taken one after the other, clip(x, lo, hi) is min(max(x, lo), hi).
-    """
+    """Call a function through ``call(name, ...)`` of one argument, or of min or max and two.  Min and max of several
+    are taken one after the other, clip(x, lo, hi) is min(max(x, lo), hi)."""
     if name == "clip":
         inner, low, high = arguments
         return call("min", call("max", inner, low), high)

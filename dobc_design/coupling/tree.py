@@ -18,7 +18,7 @@ import numpy as np
 from dobc_design.coupling.functions import FUNCTIONS, Array, by_twos
 from dobc_design.exact import interval
 from dobc_design.exact.interval import Interval
-from dobc_design.exact.number import number_key
+from dobc_design.exact.number import nearest, number_key
 
 T = TypeVar("T")
 
@@ -143,11 +143,8 @@ class Call(Node):
 
 
 class Algebra(Protocol[T]):
-    """The operations on one kind of value.
-
-    ``power`` gets integer exponents of at most 64 in size; ``call`` gets the names in ``functions``: min and max
-    with two or more arguments, clip with (x, lo, hi), all others with one.
-    """
+    """The operations on one kind of value.  ``power`` gets integer exponents of at most 64 in size; ``call`` gets the
+    names in ``functions``: min and max with two or more arguments, clip with (x, lo, hi), all others with one."""
 
     def constant(self, value: Fraction) -> T: ...
     def pi(self) -> T: ...
@@ -249,10 +246,7 @@ class NumpyAlgebra(Operators):
     """Float64 arrays with broadcasting; a constant beyond the floats is infinite."""
 
     def constant(self, value: Fraction) -> Array:
-        try:
-            return np.asarray(value.numerator / value.denominator, dtype=np.float64)
-        except OverflowError:
-            return np.asarray(np.inf if value > 0 else -np.inf)
+        return np.asarray(nearest(value))
 
     def pi(self) -> Array:
         return np.asarray(np.pi)
@@ -276,9 +270,7 @@ class IntervalAlgebra(Operators):
 
 class Jet(NamedTuple):
     """Enclosures of a value and its partial derivatives (Clarke's at a kink) on a box, in one variable also of h''.
-
-    ``curvature`` is None where it is not asked for, or where there may be a kink and h'' is not defined everywhere.
-    """
+    ``curvature`` is None where it is not asked for, or where there may be a kink and h'' is not defined everywhere."""
 
     value: Interval
     partials: tuple[Interval, ...]

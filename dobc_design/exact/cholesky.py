@@ -35,11 +35,9 @@ class UnfinishedError(Exception):
 def bad_direction(
     M: SparseSymmetric, *, strict: bool, flint: bool | None = None, most_work: int | None = None
 ) -> dict[int, Fraction] | None:
-    """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, with v'Mv <= 0 (< 0).
-
-    ``flint`` chooses the arithmetic; by default the size does. ``most_work``: products of numbers of 64 bits, about;
-    counted, not timed, so that every machine answers the same. Raises: UnfinishedError beyond it.
-    """
+    """Return None if M > 0 (strict) or M >= 0, else a direction v, by its entries, with v'Mv <= 0 (< 0).  ``flint``
+    chooses the arithmetic; by default the size does. ``most_work``: products of numbers of 64 bits, about; counted, not
+    timed, so that every machine answers the same. Raises: UnfinishedError beyond it."""
     long = M.size >= FLINT_SIZE if flint is None else flint
     rows: list[dict[int, Scalar]] = [{} for _ in range(M.size)]
     for (i, j), value in M.entries.items():
@@ -49,10 +47,8 @@ def bad_direction(
 
 
 def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool, most_work: int | None) -> dict[int, Scalar] | None:
-    """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.
-
-    ``rows`` hold both triangles without zeros, and are consumed: the open ones hold the Schur complement.
-    """
+    """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.  ``rows`` hold both
+    triangles without zeros, and are consumed: the open ones hold the Schur complement."""
     bad_rows = (_bad_diagonal(rows, i, strict=strict) for i in range(len(rows)))
     if (bad := next(filter(None, bad_rows), None)) is not None:
         return bad
@@ -168,10 +164,8 @@ class IntegerFactor:
 
 
 def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
-    """Return D M D, or None if the diagonal is not positive, or integers v with v'Mv < 0.
-
-    The last where an entry is too large beside its two diagonal entries: |(D M D)_ij| >= 1, and both of those < 1.
-    """
+    """Return D M D, or None if the diagonal is not positive, or integers v with v'Mv < 0.  The last where an entry is
+    too large beside its two diagonal entries: |(D M D)_ij| >= 1, and both of those < 1."""
     low_bits = 27 - (max(M.size - 1, 1).bit_length() + 1) // 2
     bits = 2 * (HIGH_BITS + low_bits)
     found = _whole_entries(M, bits)
@@ -200,10 +194,8 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
 
 
 def _whole_entries(M: SparseSymmetric | IntegerSymmetric, bits: int) -> tuple[Whole, Whole, Whole, NDArray[Any]] | None:
-    """Return exponents, rows, columns, and 2^bits D M D at these places rounded down; None as above.
-
-    Of an IntegerSymmetric the denominator is left out: it changes no sign.
-    """
+    """Return exponents, rows, columns, and 2^bits D M D at these places rounded down; None as above.  Of an
+    IntegerSymmetric the denominator is left out: it changes no sign."""
     if isinstance(M, IntegerSymmetric):
         rows, columns, numerators = M.rows, M.columns, M.values.astype(object)
         denominators = np.ones(len(rows), dtype=object)
@@ -270,10 +262,8 @@ def integer_factors(S: Scaled) -> Iterator[IntegerFactor]:
 
 
 def leaves_dominated_rest(S: Scaled, factor: IntegerFactor) -> bool:
-    """Tell whether D M D - L L' > 0 is proved, for any L of integers: it is dominated by its diagonal.
-
-    Matrix products of integers in doubles, bounded by Cauchy and Schwarz to stay below 2^53; the rest in int64.
-    """
+    """Tell whether D M D - L L' > 0 is proved, for any L of integers: it is dominated by its diagonal.  Matrix products
+    of integers in doubles, bounded by Cauchy and Schwarz to stay below 2^53; the rest in int64."""
     high, low = factor.high, factor.low
     if not all(np.array_equal(part, np.rint(part)) for part in (high, low)):
         return False
@@ -332,10 +322,8 @@ _SHARE: Final = 8
 def decide_lifted(
     M: SparseSymmetric | IntegerSymmetric, S: Scaled, values: Floats, vectors: Floats, *, strict: bool
 ) -> dict[int, Fraction] | None:
-    """Decide M > 0 (strict) or M >= 0 exactly: {} if proved, else a direction; None if it does not get through.
-
-    S: M scaled; values, vectors: the eigenvalues, rising, and eigenvectors of its floats, as guesses only.
-    """
+    """Decide M > 0 (strict) or M >= 0 exactly: {} if proved, else a direction; None if it does not get through.  S: M
+    scaled; values, vectors: the eigenvalues, rising, and eigenvectors of its floats, as guesses only."""
     few = int(np.count_nonzero(values < 2**10 * margin(S)))
     if not 0 < few <= max(4, S.size // _SHARE):
         return None

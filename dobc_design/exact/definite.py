@@ -42,11 +42,9 @@ _WITNESS_BITS: Final = (1, 2, 4, 8, 16, 32, 64)
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Definiteness(Shown):
-    """A decision with its proof method, a short sentence that names the path by size and structure.
-
-    Refuted: an integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against "semidefinite". Proved by a vector:
-    the positive integers v, with M v > 0 (>= 0), positive entries beside the diagonal taken as negative.
-    """
+    """A decision with its proof method, a short sentence that names the path by size and structure.  Refuted: an
+    integer ``witness`` v and the ``value`` v'Mv, <= 0, or < 0 against "semidefinite". Proved by a vector: the positive
+    integers v, with M v > 0 (>= 0), positive entries beside the diagonal taken as negative."""
 
     verdict: Verdict
     method: str
@@ -56,10 +54,8 @@ class Definiteness(Shown):
 
 
 def refuted(M: Symmetric, direction: Mapping[int, Fraction], *, strict: bool, method: str) -> Definiteness:
-    """Return the decision REFUTED by an integer multiple or rounding of an exact direction, by its entries.
-
-    Raises: CertificateError if it does not refute, which would be a mistake in the path that gave it.
-    """
+    """Return the decision REFUTED by an integer multiple or rounding of an exact direction, by its entries.  Raises:
+    CertificateError if it does not refute, which would be a mistake in the path that gave it."""
     common = math.lcm(*(x.denominator for x in direction.values()))
     exact = [int(direction.get(i, 0) * common) for i in range(M.size)]
     decision = first_refuting(M, (*roundings(exact), exact), strict=strict, method=method)
@@ -113,21 +109,16 @@ def decide_positive_definite(M: Matrix | Symmetric, *, most_work: int | None = N
 
 
 def decide_positive_semidefinite(M: Matrix | Symmetric) -> Definiteness:
-    """Decide M >= 0 for a symmetric M (n, n); the empty matrix is positive semidefinite.
-
-    Returns: PROVED, or REFUTED with an integer witness v, v'Mv < 0; never UNDECIDED.
-    Raises: ShapeError if M is not square and exactly symmetric.
-    Source: as above. What proves M > 0 proves this; singular M are left to the vector, the lift and LDL'.
-    """
+    """Decide M >= 0 for a symmetric M (n, n); the empty matrix is positive semidefinite.  Returns: PROVED, or REFUTED
+    with an integer witness v, v'Mv < 0; never UNDECIDED. Raises: ShapeError if M is not square and exactly symmetric.
+    Source: as above. What proves M > 0 proves this; singular M are left to the vector, the lift and LDL'."""
     return _decide(_Case(given=_symmetric(M), strict=False))
 
 
 def decide_quickly(M: Matrix | Symmetric) -> Definiteness:
-    """Decide M > 0 by one Cholesky factorisation or one eigenvector, or leave it UNDECIDED near the edge.
-
-    PROVED by Rump's shift; REFUTED by v'Mv <= 0, multiplied out exactly. O(n^3) in doubles, O(n^2) memory.
-    Raises: ShapeError if M is not square and exactly symmetric.
-    """
+    """Decide M > 0 by one Cholesky factorisation or one eigenvector, or leave it UNDECIDED near the edge.  PROVED by
+    Rump's shift; REFUTED by v'Mv <= 0, multiplied out exactly. O(n^3) in doubles, O(n^2) memory. Raises: ShapeError if
+    M is not square and exactly symmetric."""
     case = _Case(given=_symmetric(M), strict=True)
     if case.size == 0:
         return case.proved("no rows")

@@ -12,12 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, Self, cast
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, float_below, number_text, root_above, root_below, to_fmpq
+from dobc_design.exact.polynomial import routh_column
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -36,9 +37,7 @@ def height(value: Fraction) -> int:
 
 def round_down(value: Fraction, bits: int = BITS) -> Fraction:
     """Return a number <= value of at most ``bits`` significant bits; beyond 2^65536 that power, below 2^-65536 zero.
-
-    Raises: OverflowError for values below -2^65536.
-    """
+    Raises: OverflowError for values below -2^65536."""
     if not value:
         return value
     numerator, denominator = value.numerator, value.denominator
@@ -88,10 +87,8 @@ _GREATEST: Final = {"sin": 1, "cos": 1, "tanh": 1}
 
 
 def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
-    """Return bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x, equal where the value is rational.
-
-    They differ by about 2^-128 of the value, or of 1. Raises: OverflowError if there is no finite enclosure.
-    """
+    """Return bounds of exp, log, sin, cos, tan, atan, sinh, cosh or tanh at x, equal where the value is rational.  They
+    differ by about 2^-128 of the value, or of 1. Raises: OverflowError if there is no finite enclosure."""
     known = _EXACT.get((name, int(x))) if x.denominator == 1 else None
     if known is not None:
         return Fraction(known), Fraction(known)
@@ -161,10 +158,8 @@ class UndefinedError(ArithmeticError):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Interval(Shown):
-    """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.
-
-    Raises: SpecError if lo > hi or an end is not an int or Fraction.
-    """
+    """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.  Raises: SpecError if
+    lo > hi or an end is not an int or Fraction."""
 
     lo: Fraction
     hi: Fraction
@@ -183,9 +178,19 @@ class Interval(Shown):
         return Interval(number, number)
 
     @property
+    def bottom(self) -> Any:
+        """The lower end as it is kept, to be compared: a rational, or a float in a subclass."""
+        return self.lo
+
+    @property
+    def top(self) -> Any:
+        """The upper end as it is kept."""
+        return self.hi
+
+    @property
     def is_point(self) -> bool:
         """Whether the interval holds one number only."""
-        return self.lo == self.hi
+        return bool(self.bottom == self.top)
 
     @property
     def is_narrow(self) -> bool:
@@ -212,53 +217,46 @@ class Interval(Shown):
         return self.lo.numerator < 0 < self.hi.numerator
 
     @property
-    def bottom(self) -> Fraction | float:
-        """The lower end as it is kept, to be compared."""
-        return self.lo
-
-    @property
-    def top(self) -> Fraction | float:
-        """The upper end as it is kept."""
-        return self.hi
-
-    @property
     def sign(self) -> int:
         """1 if no number in the interval is < 0, -1 if none is > 0, else 0."""
-        return 1 if self.lo.numerator >= 0 else -1 if self.hi.numerator <= 0 else 0
+        return 1 if self.bottom >= 0 else -1 if self.top <= 0 else 0
 
     @property
     def is_zero(self) -> bool:
         """Whether the interval holds 0 only."""
-        return not self.lo and not self.hi
+        return not self.bottom and not self.top
 
-    def ends(self) -> tuple[Interval, Interval]:
+    def ends(self) -> tuple[Self, Self]:
         """Return the points lo and hi."""
-        return Interval(self.lo, self.lo), Interval(self.hi, self.hi)
+        return type(self)(self.bottom, self.bottom), type(self)(self.top, self.top)
 
-    def middle(self) -> Interval:
+    def middle(self) -> Self:
         """Return the midpoint as an interval."""
-        return Interval.point(self.midpoint)
+        return self.halves()[0].ends()[1]
 
     def contains(self, value: Fraction | int | Interval) -> bool:
         """Return whether a number, or every number of an interval, lies in this one."""
         other = _interval(value)
         return self.lo <= other.lo and other.hi <= self.hi
 
-    def hull(self, other: Interval) -> Interval:
-        """Return the smallest interval that contains both."""
-        return Interval(min(self.lo, other.lo), max(self.hi, other.hi))
-
-    def like(self, other: Interval | Fraction) -> Interval:
+    def like(self, other: Interval | Fraction | int) -> Self:
         """Return an interval around the other one with ends of the kind that this one has."""
-        return _interval(other)
+        return cast("Self", _interval(other))
 
-    def meet(self, other: Interval) -> Interval:
+    def hull(self, other: Interval) -> Self:
+        """Return the smallest interval that contains both."""
+        y = self.like(other)
+        return type(self)(min(self.bottom, y.bottom), max(self.top, y.top))
+
+    def meet(self, other: Interval) -> Self:
         """Return the common part of two enclosures of the same thing."""
-        return Interval(max(self.lo, other.lo), min(self.hi, other.hi))
+        y = self.like(other)
+        return type(self)(max(self.bottom, y.bottom), min(self.top, y.top))
 
-    def halves(self) -> tuple[Interval, Interval]:
+    def halves(self) -> tuple[Self, Self]:
         """Return the lower and the upper half; they share the midpoint."""
-        return Interval(self.lo, self.midpoint), Interval(self.midpoint, self.hi)
+        middle = (self.bottom + self.top) / 2
+        return type(self)(self.bottom, middle), type(self)(middle, self.top)
 
     def rounded(self, bits: int = BITS) -> Interval:
         """Return an interval around this one with end points of at most ``bits`` bits."""
@@ -274,24 +272,24 @@ class Interval(Shown):
     def __str__(self) -> str:
         return f"[{_brief(self.lo)}, {_brief(self.hi)}]"
 
-    def __neg__(self) -> Interval:
-        return Interval(-self.hi, -self.lo)
+    def __neg__(self) -> Self:
+        return type(self)(-self.top, -self.bottom)
 
-    def __pos__(self) -> Interval:
+    def __pos__(self) -> Self:
         return self
 
-    def __abs__(self) -> Interval:
-        if self.lo >= 0:
-            return self
-        return -self if self.hi <= 0 else Interval(Fraction(0), self.magnitude)
+    def __abs__(self) -> Self:
+        if self.sign:
+            return self if self.sign > 0 else -self
+        most = max(-self.bottom, self.top)
+        return type(self)(0 * most, most)
 
     def __add__(self, other: Interval | Fraction | int) -> Interval:
         y = _interval(other)
         return _enclose(self.lo + y.lo, self.hi + y.hi, "+", self, y)
 
     def __sub__(self, other: Interval | Fraction | int) -> Interval:
-        y = _interval(other)
-        return _enclose(self.lo - y.hi, self.hi - y.lo, "-", self, y)
+        return self + -other
 
     def __mul__(self, other: Interval | Fraction | int) -> Interval:
         x, y = self, _interval(other)
@@ -317,15 +315,18 @@ class Interval(Shown):
     def __pow__(self, exponent: int) -> Interval:
         """Return the integer power; 0 ** 0 is 1. Raises: UndefinedError for a negative one if 0 lies inside."""
         if exponent < 0:
-            return Interval.point(1) / self**-exponent
-        low, high = _power(abs(self.lo), exponent), _power(abs(self.hi), exponent)
-        if exponent % 2:
-            low = -low if self.lo < 0 else low
-            high = -high if self.hi < 0 else high
-            return Interval(low.lo, high.hi)
-        if self.lo <= 0 <= self.hi and exponent:
-            return Interval(Fraction(0), max(low.hi, high.hi))
-        return low.hull(high)
+            return 1 / self**-exponent
+        if exponent < 2:
+            return self if exponent else self.like(1)
+        if self.bottom < 0:
+            if exponent % 2 == 0:
+                return abs(self) ** exponent
+            if self.top <= 0:
+                return -((-self) ** exponent)
+            low, high = self.ends()
+            return (low**exponent).hull(high**exponent)
+        half = self ** (exponent // 2)
+        return half * half * self if exponent % 2 else half * half
 
     def increasing(self, name: str) -> Interval:
         """Enclose an increasing function, by the name that python-flint has for it."""
@@ -351,11 +352,11 @@ class Interval(Shown):
     __radd__ = __add__
     __rmul__ = __mul__
 
-    def __rsub__(self, other: Fraction | int) -> Interval:
-        return _interval(other) - self
+    def __rsub__(self, other: Interval | Fraction | int) -> Interval:
+        return -self + other
 
-    def __rtruediv__(self, other: Fraction | int) -> Interval:
-        return _interval(other) / self
+    def __rtruediv__(self, other: Interval | Fraction | int) -> Interval:
+        return self.like(other) / self
 
 
 def pi() -> Interval:
@@ -372,7 +373,7 @@ def log(x: Interval) -> Interval:
     """Enclose the natural logarithm. Raises: UndefinedError unless x > 0."""
     if x.lo <= 0:
         raise UndefinedError(f"log is not defined on the whole of {x}.")
-    return increasing("log", x)
+    return x.increasing("log")
 
 
 def sin(x: Interval) -> Interval:
@@ -390,22 +391,7 @@ def tan(x: Interval) -> Interval:
     poles = _multiples_of_pi(x, shift=Fraction(1, 2))
     if poles is None or poles[0] <= poles[1]:
         raise UndefinedError(f"tan is not defined on the whole of {x}.")
-    return increasing("tan", x)
-
-
-def increasing(name: str, x: Interval) -> Interval:
-    """Enclose an increasing function, by the name that python-flint has for it."""
-    return x.increasing(name)
-
-
-def tanh(x: Interval) -> Interval:
-    """Enclose tanh."""
-    return increasing("tanh", x)
-
-
-def atan(x: Interval) -> Interval:
-    """Enclose the inverse of tan on (-pi/2, pi/2)."""
-    return increasing("atan", x)
+    return x.increasing("tan")
 
 
 def sinh(x: Interval) -> Interval:
@@ -415,7 +401,7 @@ def sinh(x: Interval) -> Interval:
 
 def cosh(x: Interval) -> Interval:
     """Enclose cosh. Raises: UndefinedError where |x| exceeds 575."""
-    return _growing("cosh", absolute(x))
+    return _growing("cosh", abs(x))
 
 
 def sqrt(x: Interval) -> Interval:
@@ -423,11 +409,6 @@ def sqrt(x: Interval) -> Interval:
     if x.lo < 0:
         raise UndefinedError(f"sqrt is not defined on the whole of {x}.")
     return x.root()
-
-
-def absolute(x: Interval) -> Interval:
-    """Enclose |x|; exact."""
-    return abs(x)
 
 
 def minimum(x: Interval, y: Interval) -> Interval:
@@ -452,7 +433,9 @@ def _rational(value: object) -> Fraction:
 
 
 def _interval(value: Interval | Fraction | int) -> Interval:
-    return value if isinstance(value, Interval) else Interval(_rational(value), _rational(value))
+    if isinstance(value, Interval):
+        return value if type(value) is Interval else Interval(value.lo, value.hi)
+    return Interval(_rational(value), _rational(value))
 
 
 def _enclose(
@@ -469,23 +452,13 @@ def _enclose(
         raise UndefinedError(f"{operation} of {shown} exceeds the bound 2^{MAX_EXPONENT}.") from cause
 
 
-def _power(base: Fraction, exponent: int) -> Interval:
-    """Return an enclosure of a power of base >= 0, exponent >= 0, by squaring."""
-    result, square = Interval.point(1), Interval.point(base)
-    while exponent:
-        result = result * square if exponent & 1 else result
-        exponent >>= 1
-        square = square * square if exponent else square
-    return result
-
-
 def _growing(name: str, x: Interval) -> Interval:
     """Enclose an increasing function of exponential growth; far to the left exp is above 0."""
     if x.hi > _MAX_EXP or (x.lo < -_MAX_EXP and name != "exp"):
         raise UndefinedError(f"{name} of {x} is too large to enclose: |x| may be at most {_MAX_EXP}.")
     if x.lo >= _MIN_EXP:
-        return increasing(name, x)
-    return Interval(Fraction(0), increasing(name, Interval.point(max(x.hi, Fraction(_MIN_EXP)))).hi)
+        return x.increasing(name)
+    return Interval(Fraction(0), Interval.point(max(x.hi, Fraction(_MIN_EXP))).increasing(name).hi)
 
 
 def _multiples_of_pi(x: Interval, *, shift: Fraction) -> tuple[int, int] | None:
@@ -558,26 +531,20 @@ def interval_characteristic_polynomial(F: Sequence[Sequence[Interval]]) -> tuple
 
 
 def interval_routh(coefficients: Sequence[Interval | Fraction]) -> Verdict:
-    """Decide whether every polynomial with coefficients in the intervals has all roots in Re s < 0.
-
-    PROVED: all have; REFUTED: none has; UNDECIDED: an interval of Routh's first column holds 0.
-    """
+    """Decide whether every polynomial with coefficients in the intervals has all roots in Re s < 0.  PROVED: all have;
+    REFUTED: none has; UNDECIDED: an interval of Routh's first column holds 0."""
     values = [x if isinstance(x, Interval) else Interval.point(x) for x in coefficients]
     if values[0].lo <= 0 <= values[0].hi:
         return Verdict.UNDECIDED
     if values[0].hi < 0:
         values = [-x for x in values]
-    upper, lower = values[0::2], values[1::2]
     try:
-        while lower and lower[0].lo > 0:
-            factor = upper[0] / lower[0]
-            below = [*lower[1:], *([Interval.point(0)] * (len(upper) - len(lower)))]
-            upper, lower = lower, [x - factor * y for x, y in zip(upper[1:], below, strict=True)]
+        for entry in routh_column(values):
+            if not entry.lo > 0:
+                return Verdict.REFUTED if entry.hi <= 0 else Verdict.UNDECIDED
     except UndefinedError:
         return Verdict.UNDECIDED
-    if not lower:
-        return Verdict.PROVED
-    return Verdict.REFUTED if lower[0].hi <= 0 else Verdict.UNDECIDED
+    return Verdict.PROVED
 
 
 def _total(terms: Sequence[Interval]) -> Interval:

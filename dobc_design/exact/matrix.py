@@ -27,11 +27,8 @@ _FLINT_WORK: Final = 1000
 
 
 def matrix(rows: Sequence[Sequence[object]] | NDArray[Any], *, name: str = "matrix") -> Matrix:
-    """Return nested rows of numbers as an exact matrix; entries are read by ``parse_number``.
-
-    Raises: ShapeError if the rows differ in length or are no rows; SpecError for a bad entry, with
-    the key ``name[i][j]``, counted from 0.
-    """
+    """Return nested rows of numbers as an exact matrix; entries are read by ``parse_number``.  Raises: ShapeError if
+    the rows differ in length or are no rows; SpecError for a bad entry, with the key ``name[i][j]``, counted from 0."""
     if not _is_list(rows):
         raise wrong(name, f"must be a list of rows; got {type(rows).__name__}.", kind=ShapeError)
     for row in (row for row in rows if not _is_list(row)):
@@ -96,10 +93,8 @@ def kronecker(M: Matrix, N: Matrix) -> Matrix:
 
 
 def inverse(M: Matrix) -> Matrix:
-    """Return the inverse of a square matrix (k, k).
-
-    Raises: ShapeError if it is not square, SpecError if it is singular.
-    """
+    """Return the inverse of a square matrix (k, k).  Raises: ShapeError if it is not square, SpecError if it is
+    singular."""
     size = require_square(M, name="matrix to invert")
     try:
         return from_fmpq_mat(to_fmpq_mat(M).inv()) if size else ()
@@ -122,10 +117,8 @@ def rank(M: Matrix) -> int:
 
 
 def nullspace(M: Matrix) -> tuple[Vector, ...]:
-    """Return a basis of {v : M v = 0}, M (a, b): column vectors of length b, none if it is {0}.
-
-    Each vector is 1 at its own free column and 0 at the free columns of the others.
-    """
+    """Return a basis of {v : M v = 0}, M (a, b): column vectors of length b, none if it is {0}.  Each vector is 1 at
+    its own free column and 0 at the free columns of the others."""
     reduced, pivots = row_echelon(M)
     row, columns = dict(zip(pivots, reduced, strict=True)), range(shape(M)[1])
     free = [k for k in columns if k not in row]
@@ -133,11 +126,9 @@ def nullspace(M: Matrix) -> tuple[Vector, ...]:
 
 
 def find_in_nullspace(M: Matrix, box: Sequence[tuple[Fraction, Fraction]]) -> Vector | None:
-    """Return a v != 0 with M v = 0, M (a, b), in a box of b sides [lo, hi]; None if there is none.  Exact.
-
-    A box without 0 asks whether a program has a solution.  In one with 0 any v of the cone that it spans at 0 can be
-    made short enough: then one entry after the other is tried as 1 and -1.
-    """
+    """Return a v != 0 with M v = 0, M (a, b), in a box of b sides [lo, hi]; None if there is none.  Exact.  A box
+    without 0 asks whether a program has a solution.  In one with 0 any v of the cone that it spans at 0 can be made
+    short enough: then one entry after the other is tried as 1 and -1."""
     if any(lo > hi for lo, hi in box):
         return None
     if any(lo > 0 or hi < 0 for lo, hi in box):
@@ -190,11 +181,9 @@ def to_float(M: Matrix) -> NDArray[np.float64]:
 
 
 def from_float(array: NDArray[Any], digits: int | None) -> Matrix:
-    """Return a 2-D array as rationals, each entry rounded to ``digits`` significant decimals.
-
-    ``digits`` None keeps the exact binary value. Equal floats give equal rationals, so symmetry
-    stays. Raises: ShapeError unless 2-D, SpecError for nan, inf, booleans and complex numbers.
-    """
+    """Return a 2-D array as rationals, each entry rounded to ``digits`` significant decimals.  ``digits`` None keeps
+    the exact binary value. Equal floats give equal rationals, so symmetry stays. Raises: ShapeError unless 2-D,
+    SpecError for nan, inf, booleans and complex numbers."""
     array = np.asarray(array)
     if array.ndim != 2:
         raise ShapeError(f"array must have 2 dimensions; got {array.ndim}.")
@@ -222,11 +211,9 @@ def _entrywise(operation: Callable[[Fraction, Fraction], Fraction], M: Matrix, N
 
 
 def solve_lyapunov(F: Matrix, N: Matrix) -> Matrix | None:
-    """Return the symmetric X with F'X + X F + N = 0, or None if there is no unique one.
-
-    Shapes: F, N and X (q, q), N symmetric. X is unique iff no two eigenvalues of F add up to 0.
-    Raises: ShapeError if the shapes do not fit. Source: Lyapunov 1892, as q (q + 1)/2 linear equations.
-    """
+    """Return the symmetric X with F'X + X F + N = 0, or None if there is no unique one.  Shapes: F, N and X (q, q), N
+    symmetric. X is unique iff no two eigenvalues of F add up to 0. Raises: ShapeError if the shapes do not fit. Source:
+    Lyapunov 1892, as q (q + 1)/2 linear equations."""
     q = require_square(F, name="F")
     require_shape(N, (q, q), name="N", because="as F")
     places = [(i, j) for i in range(q) for j in range(i, q)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Final
@@ -94,11 +94,8 @@ def number_key(value: object) -> str:
 
 
 def number_text(value: Fraction) -> str:
-    """Return "16/5", or "3" for an integer.
-
-    Where the quotient would be too long for ``parse_number`` and the number is a decimal, the
-    decimal is returned ("1e-300"); reading the text always gives the number back.
-    """
+    """Return "16/5", or "3" for an integer.  Where the quotient would be too long for ``parse_number`` and the number
+    is a decimal, the decimal is returned ("1e-300"); reading the text always gives the number back."""
     quotient = quotient_text(value)
     long = max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS
     return quotient if long or len(quotient) <= MAX_CHARACTERS else _decimal_text(value) or quotient
@@ -126,18 +123,38 @@ def root_below(square: Fraction | int, *, unit: int) -> Fraction:
     return Fraction(math.isqrt(math.floor(square * unit * unit)), unit)
 
 
-def float_below(value: Fraction) -> float:
+def float_below(value: Fraction | int) -> float:
     """Return the largest float <= value: the largest finite one, or -inf, on overflow."""
     try:
         nearest = value.numerator / value.denominator
     except OverflowError:
         return -math.inf if value < 0 else math.nextafter(math.inf, 0.0)
-    return math.nextafter(nearest, -math.inf) if Fraction(nearest) > value else nearest + 0.0
+    top, bottom = nearest.as_integer_ratio()
+    return math.nextafter(nearest, -math.inf) if top * value.denominator > value.numerator * bottom else nearest + 0.0
 
 
-def float_above(value: Fraction) -> float:
+def float_above(value: Fraction | int) -> float:
     """Return the smallest float >= value: the most negative finite one, or inf, on overflow."""
     return 0.0 - float_below(-value)
+
+
+def nearest(x: Fraction) -> float:
+    """Return the nearest float, or an infinity beyond them."""
+    try:
+        return float(x)
+    except OverflowError:
+        return math.inf if x > 0 else -math.inf
+
+
+def common_denominator(values: Iterable[Fraction], *, bits: int, start: int = 1) -> int | None:
+    """Return the least common multiple of the denominators and ``start``; None as soon as it has more than ``bits``."""
+    common = start
+    for value in values:
+        if common % value.denominator:
+            common = math.lcm(common, value.denominator)
+            if common.bit_length() > bits:
+                return None
+    return common
 
 
 def _of_text(text: str, value: object, key: str) -> Fraction:

@@ -18,11 +18,8 @@ from dobc_design.verdict import Verdict
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Observability(Shown):
-    """Rank of the observability matrix of (A, C), A (q, q), and what C never sees.
-
-    ``verdict`` is PROVED iff rank = size; ``unobservable`` is a basis of the states xi0 from which
-    d = C xi stays 0, q entries each.
-    """
+    """Rank of the observability matrix of (A, C), A (q, q), and what C never sees.  ``verdict`` is PROVED iff rank =
+    size; ``unobservable`` is a basis of the states xi0 from which d = C xi stays 0, q entries each."""
 
     rank: int
     size: int
@@ -32,11 +29,9 @@ class Observability(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Detectability(Shown):
-    """Whether what C never sees dies out by itself.
-
-    ``unobservable_polynomial`` is the characteristic polynomial of A on the unobservable subspace,
-    highest power first, (1,) if that is {0}; ``table`` is its Routh table and ``verdict`` follows.
-    """
+    """Whether what C never sees dies out by itself.  ``unobservable_polynomial`` is the characteristic polynomial of A
+    on the unobservable subspace, highest power first, (1,) if that is {0}; ``table`` is its Routh table and ``verdict``
+    follows."""
 
     verdict: Verdict
     unobservable_polynomial: Coefficients
@@ -49,10 +44,8 @@ class Detectability(Shown):
 
 
 def observability_matrix(A: Matrix, C: Matrix) -> Matrix:
-    """Return [C; C A; ...; C A^(q-1)], (q m, q), for A (q, q) and C (m, q).
-
-    Raises: ShapeError if the shapes do not fit.
-    """
+    """Return [C; C A; ...; C A^(q-1)], (q m, q), for A (q, q) and C (m, q).  Raises: ShapeError if the shapes do not
+    fit."""
     size = _require_pair(A, C)
     block, rows = C, list(C)
     for _ in range(size - 1):
@@ -62,11 +55,9 @@ def observability_matrix(A: Matrix, C: Matrix) -> Matrix:
 
 
 def decide_observable(A: Matrix, C: Matrix) -> Observability:
-    """Decide exactly whether (A, C) is observable, A (q, q), C (m, q).
-
-    Returns: PROVED or REFUTED, with the rank and the unobservable states; q = 0 is observable.
-    Raises: ShapeError if the shapes do not fit. Source: Kalman 1963; paper, below (16).
-    """
+    """Decide exactly whether (A, C) is observable, A (q, q), C (m, q).  Returns: PROVED or REFUTED, with the rank and
+    the unobservable states; q = 0 is observable. Raises: ShapeError if the shapes do not fit. Source: Kalman 1963;
+    paper, below (16)."""
     size = _require_pair(A, C)
     unobservable = nullspace(observability_matrix(A, C)) if C else identity(size)
     found = size - len(unobservable)
@@ -75,11 +66,9 @@ def decide_observable(A: Matrix, C: Matrix) -> Observability:
 
 
 def decide_detectable(A: Matrix, C: Matrix) -> Detectability:
-    """Decide exactly whether (A, C) is detectable: A Hurwitz on the unobservable subspace.
-
-    Shapes: A (q, q) in 1/s, C (m, q). Returns: PROVED or REFUTED, with the polynomial of the
-    undetected modes. Raises: ShapeError if the shapes do not fit. Source: theory, section 2.
-    """
+    """Decide exactly whether (A, C) is detectable: A Hurwitz on the unobservable subspace.  Shapes: A (q, q) in 1/s, C
+    (m, q). Returns: PROVED or REFUTED, with the polynomial of the undetected modes. Raises: ShapeError if the shapes do
+    not fit. Source: theory, section 2."""
     basis: Matrix = decide_observable(A, C).unobservable
     R: Matrix = ()
     if basis:  # A N = N R: the subspace that the columns N of the basis span is invariant

@@ -36,10 +36,8 @@ class Unknown:
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """What one irrational slope adds to v'Fv: 2 t v[row] (v[speaker] - v[listener]), |t| <= size.
-
-    It is J + J' of one entry of one arc: t at (row, speaker), -t at (row, listener), and the transpose.
-    """
+    """What one irrational slope adds to v'Fv: 2 t v[row] (v[speaker] - v[listener]), |t| <= size.  It is J + J' of one
+    entry of one arc: t at (row, speaker), -t at (row, listener), and the transpose."""
 
     row: int
     speaker: int
@@ -49,11 +47,9 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pencil:
-    """F(x) = constant + sum over places of x[place] coefficients[place], to be negative definite.
-
-    ``deviations``: what the constant may differ by where slopes are irrational; none if it is exact.  Lambda of a large
-    network is an IntegerSymmetric (``arrays``).
-    """
+    """F(x) = constant + sum over places of x[place] coefficients[place], to be negative definite.  ``deviations``: what
+    the constant may differ by where slopes are irrational; none if it is exact.  Lambda of a large network is an
+    IntegerSymmetric (``arrays``)."""
 
     name: str
     constant: Symmetric

@@ -6,7 +6,7 @@ means not Hurwitz. Polynomials are coefficient tuples, highest power first. No r
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -27,12 +27,9 @@ Coefficients = tuple[Fraction, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class RouthTable(Shown):
-    """Routh's test of one polynomial.
-
-    ``first_column`` is for the polynomial made monic, and ends with the first entry <= 0.
-    ``verdict`` is PROVED iff every root has a negative real part, else REFUTED; ``failing_row`` is
-    the index of that last entry, counted from 0 (row 0 is the leading coefficient), or None.
-    """
+    """Routh's test of one polynomial.  ``first_column`` is for the polynomial made monic, and ends with the first entry
+    <= 0. ``verdict`` is PROVED iff every root has a negative real part, else REFUTED; ``failing_row`` is the index of
+    that last entry, counted from 0 (row 0 is the leading coefficient), or None."""
 
     first_column: Coefficients
     verdict: Verdict
@@ -46,30 +43,31 @@ def characteristic_polynomial(A: Matrix) -> Coefficients:
 
 
 def routh(coefficients: Sequence[Fraction | int]) -> RouthTable:
-    """Decide exactly whether all roots of a polynomial lie in the open left half plane.
-
-    Leading zeros are dropped; a nonzero constant has no roots, and is PROVED.
-    Raises: SpecError for the zero polynomial. Source: Routh 1877; theory, section 3.
-    """
-    monic = _monic(coefficients)
-    upper, lower = list(monic[0::2]), list(monic[1::2])
-    column = [upper[0]]
-    while lower and lower[0] > 0:
-        column.append(lower[0])
-        factor = upper[0] / lower[0]
-        below = [*lower[1:], *([Fraction(0)] * (len(upper) - len(lower)))]
-        upper, lower = lower, [x - factor * y for x, y in zip(upper[1:], below, strict=True)]
-    if lower:
-        column.append(lower[0])
-        return RouthTable(first_column=tuple(column), verdict=Verdict.REFUTED, failing_row=len(column) - 1)
+    """Decide exactly whether all roots of a polynomial lie in the open left half plane.  Leading zeros are dropped; a
+    nonzero constant has no roots, and is PROVED. Raises: SpecError for the zero polynomial. Source: Routh 1877; theory,
+    section 3."""
+    column = []
+    for entry in routh_column(_monic(coefficients)):
+        column.append(entry)
+        if entry <= 0:
+            return RouthTable(first_column=tuple(column), verdict=Verdict.REFUTED, failing_row=len(column) - 1)
     return RouthTable(first_column=tuple(column), verdict=Verdict.PROVED, failing_row=None)
 
 
-def decide_hurwitz(A: Matrix) -> RouthTable:
-    """Decide exactly whether every eigenvalue of A (q, q), in 1/s, has a negative real part.
+def routh_column(coefficients: Sequence[Any]) -> Iterator[Any]:
+    """Return the entries of Routh's first column, rationals or intervals, as long as they are asked for."""
+    upper, lower = coefficients[0::2], coefficients[1::2]
+    yield upper[0]
+    while lower:
+        yield lower[0]
+        factor = upper[0] / lower[0]
+        below = [*lower[1:], *([Fraction(0)] * (len(upper) - len(lower)))]
+        upper, lower = lower, [x - factor * y for x, y in zip(upper[1:], below, strict=True)]
 
-    The empty matrix is Hurwitz. Raises: ShapeError if A is not square.
-    """
+
+def decide_hurwitz(A: Matrix) -> RouthTable:
+    """Decide exactly whether every eigenvalue of A (q, q), in 1/s, has a negative real part.  The empty matrix is
+    Hurwitz. Raises: ShapeError if A is not square."""
     return routh(characteristic_polynomial(A))
 
 
@@ -163,11 +161,9 @@ def reflected(coefficients: Coefficients) -> Coefficients:
 
 
 def disk_image(coefficients: Sequence[Any], *, centre: Fraction, radius: Fraction) -> tuple[Any, ...]:
-    """Return the polynomial in v whose roots lie left iff those of p lie in the disk: s = centre + radius w.
-
-    With w = (v + 1)/(v - 1), |w| < 1 iff Re v < 0. A root w = 1 makes the first coefficient 0.
-    Raises: SpecError unless radius > 0.
-    """
+    """Return the polynomial in v whose roots lie left iff those of p lie in the disk: s = centre + radius w.  With w =
+    (v + 1)/(v - 1), |w| < 1 iff Re v < 0. A root w = 1 makes the first coefficient 0. Raises: SpecError unless radius >
+    0."""
     from flint import fmpz_poly
 
     if radius <= 0:
@@ -204,10 +200,8 @@ def cone_image(coefficients: Coefficients, *, damping: Fraction) -> Coefficients
 
 
 def decide_images(images: Sequence[Coefficients], *, degree: int) -> tuple[bool, bool]:
-    """Return (all roots of all images left or on the axis, all strictly left), exactly.
-
-    ``degree`` is that of an image that lost no root to infinity; one that did has a root on the border.
-    """
+    """Return (all roots of all images left or on the axis, all strictly left), exactly.  ``degree`` is that of an image
+    that lost no root to infinity; one that did has a root on the border."""
     inside = all(count_right_half_plane(image) == 0 for image in images)
     strictly = inside and all(
         len(image) == degree + 1 and image[0] != 0 and routh(image).verdict is Verdict.PROVED for image in images
@@ -216,10 +210,8 @@ def decide_images(images: Sequence[Coefficients], *, degree: int) -> tuple[bool,
 
 
 def has_root_up_to_zero(coefficients: Sequence[Fraction]) -> bool:
-    """Return whether a polynomial has a real root x <= 0, by Sturm's theorem.
-
-    Raises: SpecError for the zero polynomial.
-    """
+    """Return whether a polynomial has a real root x <= 0, by Sturm's theorem.  Raises: SpecError for the zero
+    polynomial."""
     polynomial = _flint(_monic(coefficients))
     if polynomial[0] == 0:
         return True

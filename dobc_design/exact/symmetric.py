@@ -16,14 +16,13 @@ from dobc_design._show.cards import Card, Shown, plain
 from dobc_design._show.text import MAX_SHOWN
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import common_denominator
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class SparseSymmetric(Shown):
-    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle; for reading only.
-
-    Zeros are dropped: equal matrices are equal objects. Raises: ShapeError for an index outside the upper triangle.
-    """
+    """A symmetric matrix (size, size), by the entries (i, j), i <= j, of its upper triangle; for reading only.  Zeros
+    are dropped: equal matrices are equal objects. Raises: ShapeError for an index outside the upper triangle."""
 
     size: int
     entries: Mapping[tuple[int, int], Fraction]
@@ -203,10 +202,8 @@ class IntegerSymmetric(Shown):
 
     @classmethod
     def from_floats(cls, matrix: NDArray[np.floating[Any]]) -> IntegerSymmetric:
-        """Return the exact binary value of a finite symmetric float array (n, n).
-
-        Raises: ShapeError if it is not square and exactly symmetric; SpecError for nan and inf.
-        """
+        """Return the exact binary value of a finite symmetric float array (n, n).  Raises: ShapeError if it is not
+        square and exactly symmetric; SpecError for nan and inf."""
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
             raise wrong("matrix", f"must be square; got shape {matrix.shape}.", kind=ShapeError)
         if not np.isfinite(matrix).all():
@@ -307,12 +304,8 @@ def in_integers(M: Symmetric) -> IntegerSymmetric | None:
     """Return the same matrix in arrays, or None if its least common denominator is longer than 512 bits."""
     if isinstance(M, IntegerSymmetric):
         return M
-    common = 1
-    for denominator in {x.denominator for x in M.entries.values()}:
-        common = math.lcm(common, denominator)
-        if common.bit_length() > DENOMINATOR_BITS:
-            return None
-    return IntegerSymmetric.from_sparse(M)
+    short = common_denominator(M.entries.values(), bits=DENOMINATOR_BITS) is not None
+    return IntegerSymmetric.from_sparse(M) if short else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

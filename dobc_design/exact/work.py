@@ -40,16 +40,11 @@ class _Account:
     left: int
 
 
-@dataclass(frozen=True, slots=True)
-class _Clock:
-    seconds: float
-    end: float
-
-
 #: What one stage of `certify` may take.
 STAGE: Final = 300_000
 _ACCOUNT: Final[ContextVar[_Account | None]] = ContextVar("account", default=None)
-_CLOCK: Final[ContextVar[_Clock | None]] = ContextVar("clock", default=None)
+# The seconds that were given, and when they end.
+_CLOCK: Final[ContextVar[tuple[float, float] | None]] = ContextVar("clock", default=None)
 
 
 @contextmanager
@@ -65,7 +60,7 @@ def at_most(steps: int) -> Iterator[None]:
 @contextmanager
 def until(seconds: float | None) -> Iterator[None]:
     """Let the accounts inside end so many seconds from now; None: no clock."""
-    token = _CLOCK.set(None if seconds is None else _Clock(seconds, time.monotonic() + seconds))
+    token = _CLOCK.set(None if seconds is None else (seconds, time.monotonic() + seconds))
     try:
         yield
     finally:
@@ -75,8 +70,9 @@ def until(seconds: float | None) -> Iterator[None]:
 def out_of_time() -> str | None:
     """Why nothing new may begin, where the time limit is over; else None."""
     clock = _CLOCK.get()
-    over = clock is not None and time.monotonic() >= clock.end
-    return f"left out or cut off, because the time limit of {clock.seconds:g} s is over." if clock and over else None
+    if clock is None or time.monotonic() < clock[1]:
+        return None
+    return f"left out or cut off, because the time limit of {clock[0]:g} s is over."
 
 
 def exhausted() -> str | None:

@@ -74,9 +74,7 @@ class FloatRows:
 
     def bound(self, vector: Floats) -> float:
         """Return an upper bound of the largest eigenvalue: the largest (m_ii v_i + sum |m_ij| v_j) / v_i; v > 0 (n,).
-
-        It is rounded up, and inf where floats do not hold it.  Source: theory, section 8, for any signs.
-        """
+        It is rounded up, and inf where floats do not hold it.  Source: theory, section 8, for any signs."""
         if len(vector) != len(self.own) or not len(vector) or not vector.min() > _SMALLEST:
             return math.inf
         with np.errstate(over="ignore", invalid="ignore"):
@@ -175,10 +173,8 @@ def _comparison(rows: Rows) -> Rows:
 
 
 def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
-    """Return the indicator of the smallest connected group whose row sums are all <= 0, if there is one.
-
-    The sum of all entries in the group is then <= 0; if not strict, one row sum has to be < 0.
-    """
+    """Return the indicator of the smallest connected group whose row sums are all <= 0, if there is one.  The sum of
+    all entries in the group is then <= 0; if not strict, one row sum has to be < 0."""
     labels = _components(rows)
     sizes = np.bincount(labels, minlength=len(labels))
     unheld = sizes > 0
@@ -217,10 +213,8 @@ def _rounded(x: Floats, bits: int) -> Places:
 
 
 def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
-    """Solve M x = diag(M) until every row is met by half; return x or None, and a direction p if p'Mp is about <= 0.
-
-    M x = diag(M) is only a wish: any x > 0 with M x > 0 will do. Guesses only.
-    """
+    """Solve M x = diag(M) until every row is met by half; return x or None, and a direction p if p'Mp is about <= 0.  M
+    x = diag(M) is only a wish: any x > 0 with M x > 0 will do. Guesses only."""
     longest = max(int(M.values.max()).bit_length(), int(M.values.min()).bit_length())
     values = (M.values >> max(0, longest - 1000)).astype(np.float64)
     root = np.sqrt(values[M.rows == M.columns])

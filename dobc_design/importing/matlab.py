@@ -50,11 +50,9 @@ class _Element:
 
 
 def read_variables(data: bytes, *, name: str, names: Collection[str]) -> dict[str, Value]:
-    """The variables of a file that are among ``names``; ``name`` of the file is for messages.
-
-    Numbers become float64 arrays (complex ones stay complex), characters a list with one text a row, cells a list.
-    Raises: SpecError for a file that is damaged, or of another version.
-    """
+    """The variables of a file that are among ``names``; ``name`` of the file is for messages.  Numbers become float64
+    arrays (complex ones stay complex), characters a list with one text a row, cells a list. Raises: SpecError for a
+    file that is damaged, or of another version."""
     cure = "Save it by save(file, '-v7')."
     if len(data) < HEADER or data[126:128] not in (b"IM", b"MI"):
         raise wrong(name, "is no MATLAB file of version 5 to 7.", cure)

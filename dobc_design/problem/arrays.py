@@ -57,10 +57,8 @@ def _flat(numbers: Any) -> Iterator[Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArcTable:
-    """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of problem.couplings.
-
-    Its weight is ``weights[weight[a]]``; ``weights`` holds each different one once.  Arrays of one length.
-    """
+    """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of problem.couplings.  Its
+    weight is ``weights[weight[a]]``; ``weights`` holds each different one once.  Arrays of one length."""
 
     listeners: IndexArray
     speakers: IndexArray
@@ -193,11 +191,9 @@ def chosen_mode(problem: Problem, mode: str | None) -> str:
 
 
 def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
-    """Return the observer gain W (q, m): ``gain`` if given, else the problem's; None if there is neither.
-
-    Where agents have different exosystems, W is block diagonal, (q, m times the number of groups).
-    Raises: SpecError for a gain without an exosystem, ShapeError for one of the wrong shape.
-    """
+    """Return the observer gain W (q, m): ``gain`` if given, else the problem's; None if there is neither.  Where agents
+    have different exosystems, W is block diagonal, (q, m times the number of groups). Raises: SpecError for a gain
+    without an exosystem, ShapeError for one of the wrong shape."""
     if gain is None:
         return problem.joint_observer.W
     if not problem.groups:

@@ -82,9 +82,7 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
 
 def settings_of(problem: Problem) -> dict[str, Any]:
     """Exosystem, observer, region, switching and simulation as tables; their numbers are exact, agents are indices.
-
-    Keys that later versions added stand there only where they were given: other problems keep their hash.
-    """
+    Keys that later versions added stand there only where they were given: other problems keep their hash."""
     index = problem.network.index
     exosystem: dict[str, Any] | None
     if problem.is_grouped:

@@ -142,11 +142,9 @@ REMARK = "set by dobc certify --apply-fix"  # in place of a comment on the value
 
 
 def changed_text(text: str, changes: Mapping[str, Any], *, whole: bool = False, remark: str = REMARK) -> str | None:
-    """The text of a problem file with these keys set; comments and order stay.  Raises: SpecError if it is no TOML.
-
-    In a table with lines of its own ([pinning.gains]) only the lines change whose values do; ``whole``: all of them.
-    ``remark``: the comment on what was set.  Returns: None if the text cannot be changed key by key.
-    """
+    """The text of a problem file with these keys set; comments and order stay.  Raises: SpecError if it is no TOML.  In
+    a table with lines of its own ([pinning.gains]) only the lines change whose values do; ``whole``: all of them.
+    ``remark``: the comment on what was set.  Returns: None if the text cannot be changed key by key."""
     parse_toml(text.encode("utf-8"))  # bounds size and nesting before tomlkit sees it
     try:
         document = tomlkit.parse(text)
@@ -220,10 +218,8 @@ def _item(value: Any) -> Any:
 def changed_file(
     problem: Problem, changes: Mapping[str, Any], *, text: str | None, folder: Path, remark: str = REMARK
 ) -> str:
-    """The text of a file in ``folder`` that holds the problem with these changes.  Raises: SpecError.
-
-    ``text``: the TOML the problem came from, or None; its comments and its order stay where that is possible.
-    """
+    """The text of a file in ``folder`` that holds the problem with these changes.  Raises: SpecError.  ``text``: the
+    TOML the problem came from, or None; its comments and its order stay where that is possible."""
     wanted = changed_problem(problem, changes)
     for replacing in (False, True) if text is not None else ():
         own = changed_text(text or "", changes, whole=replacing, remark=remark)

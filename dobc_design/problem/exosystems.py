@@ -63,10 +63,8 @@ class Exosystem(Shown):
 
     @classmethod
     def from_control(cls, system: Any) -> Exosystem:
-        """Take A and C from a control.StateSpace; floats are read as their shortest decimal text.
-
-        Raises: SpecError for a system in discrete time or without A and C.
-        """
+        """Take A and C from a control.StateSpace; floats are read as their shortest decimal text.  Raises: SpecError
+        for a system in discrete time or without A and C."""
         if not hasattr(system, "A") or not hasattr(system, "C"):
             what = f"must be a state-space system with A and C; got {type(system).__name__}."
             raise wrong("exosystem", what, "For a transfer function: control.ss(system).")
@@ -81,10 +79,8 @@ KINDS = ("constant", "ramp", "harmonics")  # that a problem file may name
 
 
 def of_kind(kind: Any, *, frequencies: Any = None, components: int = 1) -> Exosystem:
-    """The exosystem that a problem file names by ``kind``, one for each of ``components`` (``stacked``).
-
-    Raises: SpecError for an unknown kind, and for frequencies (rad/s) beside another kind than harmonics.
-    """
+    """The exosystem that a problem file names by ``kind``, one for each of ``components`` (``stacked``).  Raises:
+    SpecError for an unknown kind, and for frequencies (rad/s) beside another kind than harmonics."""
     if kind not in KINDS:
         what = f"must be one of {', '.join(KINDS)}; got {shown(kind)}."
         raise wrong("exosystem.kind", what, "For another shape give A and C.")
@@ -108,10 +104,8 @@ def ramp() -> Exosystem:
 
 
 def polynomial(degree: Any) -> Exosystem:
-    """An unknown polynomial in time; the state holds the disturbance and its derivatives.
-
-    Raises: SpecError unless ``degree`` is an integer from 0 to 20.
-    """
+    """An unknown polynomial in time; the state holds the disturbance and its derivatives.  Raises: SpecError unless
+    ``degree`` is an integer from 0 to 20."""
     if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= LARGEST_DEGREE:
         what = f"must be an integer from 0 to {LARGEST_DEGREE}; got {shown(degree)}."
         raise wrong("degree", what, "0 is a constant, 1 a ramp.")
@@ -148,12 +142,9 @@ def harmonics(frequencies: Any) -> Exosystem:
 
 
 def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exosystem:
-    """A periodic disturbance by truncation: the mean and the first sines of its Fourier series.
-
-    ``fundamental`` is the angular frequency (rad/s); ``mean`` keeps the constant term.
-    What is cut off is an unmodelled disturbance for the observer.
-    Raises: SpecError unless fundamental > 0 and harmonics_kept is an integer >= 1.
-    """
+    """A periodic disturbance by truncation: the mean and the first sines of its Fourier series.  ``fundamental`` is the
+    angular frequency (rad/s); ``mean`` keeps the constant term. What is cut off is an unmodelled disturbance for the
+    observer. Raises: SpecError unless fundamental > 0 and harmonics_kept is an integer >= 1."""
     w = parse_number(fundamental, key="fundamental")
     if isinstance(harmonics_kept, bool) or not isinstance(harmonics_kept, int) or harmonics_kept < 1:
         what = f"must be an integer >= 1; got {shown(harmonics_kept)}."

@@ -125,11 +125,9 @@ def read_groups(
     labels: tuple[str, ...],
     m: int,
 ) -> tuple[Group, ...]:
-    """Divide all agents into groups: those given, and the others, who have ``exosystem`` and ``observer``.
-
-    Returns: the groups ordered by their first agent, agents in the order of the labels; none without a disturbance.
-    Raises: SpecError or ShapeError naming the key.
-    """
+    """Divide all agents into groups: those given, and the others, who have ``exosystem`` and ``observer``.  Returns:
+    the groups ordered by their first agent, agents in the order of the labels; none without a disturbance. Raises:
+    SpecError or ShapeError naming the key."""
     common = Observer() if observer is None else observer
     if not groups and exosystem is not None:
         check_observer(common, q=exosystem.order, m=exosystem.outputs)

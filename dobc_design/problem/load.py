@@ -54,10 +54,8 @@ _BRACKET = re.compile(rb"[\[\]{}]")
 
 
 def read_bytes(path: Path, *, limit: int = MAX_BYTES, what: str = PROBLEM) -> bytes:
-    """Read a regular file of at most ``limit`` bytes; ``what`` it ought to be is for messages.
-
-    Raises: SpecError that names the file.  Pipes and devices are refused: they may never end, or never begin.
-    """
+    """Read a regular file of at most ``limit`` bytes; ``what`` it ought to be is for messages.  Raises: SpecError that
+    names the file.  Pipes and devices are refused: they may never end, or never begin."""
     name = shown(path.name)
     try:
         # Not blocking, so that a pipe nobody writes to is opened and then refused.
@@ -257,11 +255,9 @@ def known_keys(table: str) -> tuple[str, ...]:
 def read_exosystem(
     tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
 ) -> tuple[Exosystem | None, tuple[Group, ...]]:
-    """The exosystem of the agents in no group, and the groups.  Raises: SpecError naming the keys.
-
-    ``dimension_of``: how many state components there are, for the first exosystem given by A and C, or None; an
-    exosystem given by its kind has that many.
-    """
+    """The exosystem of the agents in no group, and the groups.  Raises: SpecError naming the keys.  ``dimension_of``:
+    how many state components there are, for the first exosystem given by A and C, or None; an exosystem given by its
+    kind has that many."""
     table = tables.exosystem
     if table is None:
         return None, ()

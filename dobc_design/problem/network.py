@@ -77,10 +77,8 @@ IndexArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arcs:
-    """The arcs of one mode: agent ``listeners[a]`` hears agent ``speakers[a]`` with weight ``weights[a]``.
-
-    Shapes: three sequences of equal length; indices count from 0; weights are > 0 and multiply h.
-    """
+    """The arcs of one mode: agent ``listeners[a]`` hears agent ``speakers[a]`` with weight ``weights[a]``.  Shapes:
+    three sequences of equal length; indices count from 0; weights are > 0 and multiply h."""
 
     listeners: IndexArray
     speakers: IndexArray

@@ -108,9 +108,7 @@ Rows = tuple[Vector, ...]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulation:
     """Simulation settings: horizon in s, seed, and starts of the exosystem and of the states, where they are given.
-
-    ``xi0`` (q numbers) and ``x0`` (m numbers): one row for all agents, or n rows.
-    """
+    ``xi0`` (q numbers) and ``x0`` (m numbers): one row for all agents, or n rows."""
 
     t_final: Fraction
     seed: int

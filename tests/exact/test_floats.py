@@ -15,7 +15,7 @@ from dobc_design.coupling.enclosures import Curve, jet, secant, slope_form, valu
 from dobc_design.coupling.expression import parse_expression
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.exact import floats, interval
-from dobc_design.exact.floats import LARGEST, Floats, float_bounds
+from dobc_design.exact.floats import LARGEST, Floats
 from dobc_design.exact.interval import Interval, UndefinedError, float_values
 
 OPERATORS = (operator.add, operator.sub, operator.mul, operator.truediv)
@@ -52,7 +52,7 @@ def test_sums_differences_products_and_quotients_contain_those_of_all_ends(x: Fl
             found = each(x, y)
         except UndefinedError:  # too large, or a division by 0
             continue
-        assert -LARGEST <= found.a <= found.b <= LARGEST
+        assert -LARGEST <= found.bottom <= found.top <= LARGEST
         for u, v in product((x.lo, x.hi), (y.lo, y.hi)):
             assert found.lo <= each(u, v) <= found.hi
 
@@ -85,7 +85,8 @@ def test_hulls_common_parts_halves_and_conversions_lose_nothing(x: Floats, y: Fl
     assert low.lo == x.lo and low.hi == high.lo == x.middle().lo and high.hi == x.hi
     assert x.lo <= x.middle().lo <= x.hi
     assert exact(abs(x)) == abs(exact(x)) and exact(-x) == -exact(x)
-    below, above = float_bounds(number)
+    around = Floats.around(number)
+    below, above = around.bottom, around.top
     assert Fraction(below) <= number <= Fraction(above) and above <= math.nextafter(below, math.inf)
     if max(x.lo, y.lo) <= min(x.hi, y.hi):
         assert exact(x.meet(y)) == exact(x).meet(exact(y))
@@ -118,8 +119,8 @@ def test_too_large_numbers_are_refused_and_too_small_ones_are_bounded() -> None:
         large * large
     with pytest.raises(UndefinedError, match="exceeds"):
         Floats.around(Fraction(10) ** 400)
-    assert (small * small).a < 0 < (small * small).b
-    assert Floats.around(Fraction(1, 10**400)).b == 5e-324
+    assert (small * small).bottom < 0 < (small * small).top
+    assert Floats.around(Fraction(1, 10**400)).top == 5e-324
 
 
 def test_without_rounding_outwards_the_rationals_are_not_contained(monkeypatch: pytest.MonkeyPatch) -> None:

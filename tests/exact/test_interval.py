@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from fractions import Fraction
+from operator import methodcaller
 from random import Random
 
 import mpmath
@@ -333,7 +334,7 @@ def test_rounding_is_outward_to_the_bits_asked():
     [
         (lambda y: interval.exp(y) - 1 + y, "1.432332", "4.194528"),
         (lambda y: y + y**3, "1", "5"),
-        (interval.tanh, "0.482014", "1"),
+        (methodcaller("increasing", "tanh"), "0.482014", "1"),
         (lambda y: interval.clip(y, Interval.point(-1), Interval.point(1)), "1/2", "1"),
     ],
 )

@@ -29,11 +29,9 @@ MOST_HALVINGS: Final = 30  # of one component: then all ends of boxes are exact 
 
 
 def verify_shell(problem: Problem, shell: Shell) -> LureDecision:
-    """Decide whether {V <= outer} is invariant and V' <= -2 rate V in it, for every mode.
-
-    Refuted: the inner certificate is, or the boxes do not fit.  Undecided: a box is not shown to be harmless; the step
-    is then "boxes".  Raises: SpecError for more than 6 rows n m or couplings of vectors.
-    """
+    """Decide whether {V <= outer} is invariant and V' <= -2 rate V in it, for every mode.  Refuted: the inner
+    certificate is, or the boxes do not fit.  Undecided: a box is not shown to be harmless; the step is then "boxes".
+    Raises: SpecError for more than 6 rows n m or couplings of vectors."""
     inner = verify_lure(problem, shell.lure)
     if inner.verdict is not Verdict.PROVED:
         return inner

@@ -30,7 +30,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import common_denominator, number_text
 from dobc_design.exact.pencil import Deviation, Pencil, Place, Unknown
 from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.exact.symmetric import (
@@ -137,11 +137,12 @@ def lemma1_in_arrays(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dim
     held = {
         id(k): [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)] for k in pinning.gains.values()
     }
-    below = _common((x for rows in held.values() for row in rows for x in row), 1)
+    below = common_denominator((x for rows in held.values() for row in rows for x in row), bits=sparse.DENOMINATOR_BITS)
     if below is None:
         return None
     entries = [entry for gain in jacobian.gains for row in gain for entry in row]
-    exact = _common((entry.lo for entry in entries if entry.is_point), below) is not None
+    points = (entry.lo for entry in entries if entry.is_point)
+    exact = common_denominator(points, bits=sparse.DENOMINATOR_BITS, start=below) is not None
     middles = np.array([_middle(entry, exact) for entry in entries], dtype=object)
     spreads = [max(entry.hi - x, x - entry.lo) for entry, x in zip(entries, middles, strict=True)]
     common = math.lcm(below, *{x.denominator for x in middles})
@@ -158,16 +159,6 @@ def lemma1_in_arrays(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dim
         coefficients={},
         deviations=_deviations(jacobian, spreads, dimension),
     )
-
-
-def _common(numbers: Iterable[Fraction], start: int) -> int | None:
-    """The least common denominator of these and of ``start``; None beyond 512 bits."""
-    common = start
-    for denominator in {x.denominator for x in numbers}:
-        common = math.lcm(common, denominator)
-        if common.bit_length() > sparse.DENOMINATOR_BITS:
-            return None
-    return common
 
 
 def _middle(entry: Interval, exact: bool) -> Fraction:

@@ -167,10 +167,8 @@ def find_witness(
     matrix: Enclosed, candidates: Iterable[Sequence[float]], *, rows: Sequence[int] | None = None
 ) -> Vector | None:
     """A rational v != 0 with v'Mv >= 0 proved, or None if M < 0 (or the deviations hide the answer, or M is too large).
-
     ``candidates`` come first, those with few entries before others, rounded to small integers, because they read
-    better; last comes the elimination of ``rows`` (None: all), which none may leave.
-    """
+    better; last comes the elimination of ``rows`` (None: all), which none may leave."""
     allowed = set(range(matrix.middle.size) if rows is None else rows)
     supports = [([row for row, x in enumerate(each) if x], each) for each in candidates]
     for support, candidate in sorted(supports, key=lambda pair: len(pair[0])):

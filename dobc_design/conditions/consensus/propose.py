@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from typing import Any, Final
 
 import numpy as np
@@ -18,6 +17,7 @@ from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.number import nearest
 from dobc_design.problem.arrays import arc_table
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
@@ -42,14 +42,6 @@ def float_lambda(problem: Problem, mode: str, *, pins: bool = True) -> Any:
     j = np.broadcast_to(columns + np.arange(m), blocks.shape).ravel()
     values, places = blocks.ravel(), (np.concatenate([i, j]), np.concatenate([j, i]))
     return sparse.coo_array((np.concatenate([values, values]), places), shape=(n * m, n * m))
-
-
-def nearest(x: Fraction) -> float:
-    """The nearest float, or an infinity beyond them."""
-    try:
-        return float(x)
-    except OverflowError:
-        return math.inf if x > 0 else -math.inf
 
 
 def rows_of(agents: Any, width: int) -> Any:

@@ -22,7 +22,7 @@ from dobc_design.conditions.numbers import read_rational
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, identity, multiply, subtract
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import nearest, number_text
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -154,7 +154,7 @@ def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:
     """Any invertible rational Y would do; the inverse of the middle slopes, by floating point, makes the test sharp."""
     middle = np.zeros((size, size))
     for place, slope in slopes.items():
-        middle[place] = _float(slope.midpoint)
+        middle[place] = nearest(slope.midpoint)
     if not np.isfinite(middle).all():
         return None
     try:
@@ -173,7 +173,7 @@ def krawczyk_holds(claim: Equilibrium, value: Box, slopes: Slopes, Y: Matrix, pa
     M = [[zero] * size for _ in range(size)]
     spread = [zero] * size
     for (row, column), slope in slopes.items():
-        middle = Fraction(_float(slope.midpoint))
+        middle = Fraction(nearest(slope.midpoint))
         M[row][column] = middle
         spread[row] += max(slope.hi - middle, middle - slope.lo) * half[column]
     rest = subtract(identity(size), multiply(Y, tuple(map(tuple, M))))
@@ -187,18 +187,11 @@ def krawczyk_holds(claim: Equilibrium, value: Box, slopes: Slopes, Y: Matrix, pa
     return True
 
 
-def _float(value: Fraction) -> float:
-    try:
-        return float(value)
-    except OverflowError:
-        return math.inf
-
-
 def _reason(problem: Problem, claim: Equilibrium) -> str:
     m, named = problem.m, []
     for k, e in enumerate(claim.middle[:SHOWN]):
         place = problem.network.labels[k // m] + ("" if m == 1 else f".{k % m + 1}")
-        named.append(f"{place}: {_float(e + problem.goal_of(k // m)[k % m]):.6g}")
+        named.append(f"{place}: {nearest(e + problem.goal_of(k // m)[k % m]):.6g}")
     more = ", ..." if len(claim.middle) > SHOWN else ""
     advice = "Ask for a smaller region, or raise the gains until it is gone."
     if claim.is_point:

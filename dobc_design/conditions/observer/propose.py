@@ -206,9 +206,7 @@ def propose_pairs(
     exosystem: Exosystem, W: Matrix, *, bound: float, decay: float, time_limit: float = TIME_LIMIT
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
     """Rational (P, P W) to be tried in turn, each with a sentence on how it came about ("" for the usual way).
-
-    ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about that of A - WC > 0 (1/s); the last need no solver.
-    """
+    ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about that of A - WC > 0 (1/s); the last need no solver."""
     why = "there was no estimate to start a solver from"
     small = exosystem.order <= LARGEST_PROGRAM
     if small and bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):

@@ -21,7 +21,7 @@ from dobc_design.conditions.check import Check, read_domain, read_object, starts
 from dobc_design.conditions.consensus.claim import Pair
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.numbers import claimed, has_short_denominator, read_rational, shorten
+from dobc_design.conditions.numbers import claimed, has_short_denominator, read_rational, rounded_up, shorten
 from dobc_design.conditions.quadratic import sectors as channels
 from dobc_design.conditions.quadratic.claim import METHODS, Lure, interval_matrix, lure_matrix, vertex_matrices
 from dobc_design.conditions.quadratic.sectors import Enclose, GainRange, Sectors, build_sectors, gains_on
@@ -156,7 +156,7 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
     values = np.linalg.eigvalsh(to_float(M.to_dense()))
     largest, unit = Fraction(float(values[-1])), Fraction(float(np.max(np.abs(values))))
     for rise in RISE:
-        bound = _short_above(largest + rise * unit)
+        bound = rounded_up(largest + rise * unit, digits=12)
         if decide_positive_semidefinite(M.negated().shifted(bound)).verdict is Verdict.PROVED:
             return bound
     rows = [ZERO] * M.size  # Gershgorin, which needs no estimate
@@ -191,14 +191,6 @@ def _room(problem: Problem, lure: Lure, disturbance: Fraction) -> Fraction | Non
     if not disturbance or lure.P is None:
         return lure.level
     return lure.level - problem.n * eigenvalue_bound(SparseSymmetric.from_dense(lure.P)) * disturbance**2
-
-
-def _short_above(value: Fraction) -> Fraction:
-    """A number of 12 significant digits that is not below."""
-    if value <= 0:
-        return ZERO
-    unit = Fraction(10) ** (11 - math.floor(math.log10(float(value))))
-    return math.ceil(value * unit) / unit
 
 
 def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:

@@ -82,10 +82,8 @@ def design_lure(
     enclose: Enclose = gains_on,
 ) -> Lure | None:
     """The certificate with the largest covered ball |e| <= R, |eps_i| <= disturbance that ``holds`` accepts, or None.
-
     A P_e of full ``shape`` has n m (n m + 1)/2 unknowns, which make a dense Newton system: for some 20 rows.  Without
-    the gain ``W`` (q, m) eps = 0 is meant.  No |e_j - e_i| beyond ``largest`` is looked at.  Raises: SpecError.
-    """
+    the gain ``W`` (q, m) eps = 0 is meant.  No |e_j - e_i| beyond ``largest`` is looked at.  Raises: SpecError."""
     pair = None if W is None else scaled_pair(problem, W, rate=rate, disturbance=disturbance)
     if W is not None and pair is None:
         return None

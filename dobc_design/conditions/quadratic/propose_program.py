@@ -19,10 +19,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.consensus.propose import nearest
 from dobc_design.conditions.quadratic.sectors import GainRange
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
+from dobc_design.exact.number import nearest
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
 from dobc_design.solvers.program import Array

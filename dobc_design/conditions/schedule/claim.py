@@ -94,11 +94,9 @@ class Stage(Shown):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Staging:
-    """A claim: from |e|_inf <= radius, |eps_i| <= disturbance, |e(t)|_inf <= tolerance for all t >= time (s).
-
-    The stages are in the order in which they begin, the first at 0.  A quadratic one is never followed by a
-    max-separable one.  Raises: SpecError for anything else, or unless radius, tolerance > 0 and disturbance >= 0.
-    """
+    """A claim: from |e|_inf <= radius, |eps_i| <= disturbance, |e(t)|_inf <= tolerance for all t >= time (s).  The
+    stages are in the order in which they begin, the first at 0.  A quadratic one is never followed by a max-separable
+    one.  Raises: SpecError for anything else, or unless radius, tolerance > 0 and disturbance >= 0."""
 
     stages: tuple[Stage, ...]
     radius: Fraction

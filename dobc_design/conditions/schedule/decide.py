@@ -59,11 +59,9 @@ def _fact(step: str, holds: bool, words: str) -> StagingAnswer:
 
 
 def verify_staging(problem: Problem, W: Matrix | None, staging: Staging) -> StagingAnswer:
-    """Decide a claimed settling time with all its stages, for the gain W (q, m); None without an exosystem.
-
-    PROVED: |e(t)|_inf <= tolerance for all t >= time from every start |e|_inf <= radius, |eps_i| <= disturbance, and
-    every stage's bound holds from its start on, for arbitrary switching.  REFUTED says that these numbers fail.
-    """
+    """Decide a claimed settling time with all its stages, for the gain W (q, m); None without an exosystem.  PROVED:
+    |e(t)|_inf <= tolerance for all t >= time from every start |e|_inf <= radius, |eps_i| <= disturbance, and every
+    stage's bound holds from its start on, for arbitrary switching.  REFUTED says that these numbers fail."""
     for k in range(len(staging.stages)):
         for need in _needs(problem, W, staging, k):
             if need.verdict is not Verdict.PROVED:
@@ -275,11 +273,9 @@ class Settling(Shown):
     def envelope(self, t: Sequence[float] | Array) -> Array: ...
 
     def envelope(self, t: float | Sequence[float] | Array) -> float | Array:
-        """A bound of |e(t)|_inf, rounded up, at t >= 0 in s: a number or an array of times.
-
-        Every stage's bound holds from its start on, so the least of them counts; it never rises.
-        Raises: SpecError for a time that is negative or not finite, or if nothing is proved.
-        """
+        """A bound of |e(t)|_inf, rounded up, at t >= 0 in s: a number or an array of times.  Every stage's bound holds
+        from its start on, so the least of them counts; it never rises. Raises: SpecError for a time that is negative or
+        not finite, or if nothing is proved."""
         if not self.stages:
             raise SpecError("there is no envelope, because nothing is proved.", key="t", cure=self.reason)
         if isinstance(t, (int, float)):

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.coverage import Progress, asked_radius
-from dobc_design.conditions.numbers import claimed, decimal_above, rounded_down
+from dobc_design.conditions.numbers import claimed, decimal_above, rounded_down, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, verify_lure
 from dobc_design.conditions.schedule import decide, propose
@@ -95,11 +95,9 @@ def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
 
 
 def asked_beside(problem: Problem, checks: Sequence[Check], *, tolerance: Fraction | None) -> Asked | str:
-    """The starts whose settling time a certificate with these ``checks`` shows, or why there are none.
-
-    They are the region asked for, or where a max-separable proof reaches less far, or no region is asked for, its
-    box.  Without a ``tolerance`` it is a hundredth of the radius.
-    """
+    """The starts whose settling time a certificate with these ``checks`` shows, or why there are none.  They are the
+    region asked for, or where a max-separable proof reaches less far, or no region is asked for, its box.  Without a
+    ``tolerance`` it is a hundredth of the radius."""
     found, box = next((check for check in checks if check.id == "max-separable"), None), None
     if found is not None and found.verdict is not Verdict.PROVED:
         prefix = "" if found.applies else "does not apply: "
@@ -268,9 +266,7 @@ def _up(value: Fraction) -> Fraction:
     """DIGITS significant digits, not below a value > 0."""
     if value <= 0:
         return ZERO
-    value = max(value * (1 + EXTRA), SMALLEST)
-    unit = Fraction(10) ** (DIGITS - 1 - math.floor(math.log10(value)))
-    return math.ceil(value * unit) / unit
+    return rounded_up(max(value * (1 + EXTRA), SMALLEST), digits=DIGITS)
 
 
 def settling_stage(

@@ -43,12 +43,9 @@ def max_separable_check(
     domain: str,
     remark: str = "",
 ) -> Check:
-    """Decide ``claim`` as a proof for every start with |e|_inf <= radius and |eps_i| <= disturbance.
-
-    ``domain``: that of Lemma 1, for a claim that is not proved.  A claim without rho is about all starts.  ``remark``
-    is added to the reason.
-    Returns: a Check, PROVED or UNDECIDED; that one claim fails says nothing against the others.
-    """
+    """Decide ``claim`` as a proof for every start with |e|_inf <= radius and |eps_i| <= disturbance.  ``domain``: that
+    of Lemma 1, for a claim that is not proved.  A claim without rho is about all starts.  ``remark`` is added to the
+    reason. Returns: a Check, PROVED or UNDECIDED; that one claim fails says nothing against the others."""
     if (reason := obstacle(problem, W)) is not None:
         return undecided_check("max-separable", domain, reason, applies=False)
     answer = verify_composite(problem, W, claim)
@@ -112,11 +109,9 @@ def sampling_check(
     W: Matrix | None = None,
     own: Separable | None = None,
 ) -> Check:
-    """Decide how long couplings and pinning may be held, for a ``claim`` that the check ``beside`` proves.
-
-    ``own``: another claim, for whose v longer periods do no harm; it is decided here, for the starts of ``beside`` and
-    the loop with the gain ``W`` (q, m).
-    """
+    """Decide how long couplings and pinning may be held, for a ``claim`` that the check ``beside`` proves.  ``own``:
+    another claim, for whose v longer periods do no harm; it is decided here, for the starts of ``beside`` and the loop
+    with the gain ``W`` (q, m)."""
     if own is not None and _not_proved(own, beside, problem, W, domain) is not None:
         own = None
     claim = own or claim
@@ -135,11 +130,9 @@ def sampling_check(
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None) -> str | None:
-    """None if everything that a proved or refuted check claims is confirmed, else what is not.
-
-    ``W`` (q, m): the gain of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable check of the same
-    certificate.  Rows, observer and box are decided again from the problem.  Raises what a malformed claim raises.
-    """
+    """None if everything that a proved or refuted check claims is confirmed, else what is not.  ``W`` (q, m): the gain
+    of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable check of the same certificate.  Rows,
+    observer and box are decided again from the problem.  Raises what a malformed claim raises."""
     if (reason := obstacle(problem, W)) is not None:
         return reason
     if check.id != "max-separable":

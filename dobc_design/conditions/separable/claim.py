@@ -45,11 +45,9 @@ class ErrorBound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Separable:
-    """A claim: the rows hold for v (one entry per agent), alpha (1/s) and all s in (0, rho].
-
-    ``rho`` None: for every s > 0.  ``error``: the observer's part, None without an exosystem.
-    Raises: ShapeError or SpecError unless v > 0, alpha > 0 and rho > 0.
-    """
+    """A claim: the rows hold for v (one entry per agent), alpha (1/s) and all s in (0, rho].  ``rho`` None: for every s
+    > 0.  ``error``: the observer's part, None without an exosystem. Raises: ShapeError or SpecError unless v > 0, alpha
+    > 0 and rho > 0."""
 
     v: Vector | Doubles
     alpha: Fraction
@@ -215,12 +213,9 @@ def rows(
     gains: Sequence[Fraction] | None = None,
     agents: Collection[int] | None = None,
 ) -> Iterator[tuple[Row, Place]]:
-    """List the different rows of the given modes (default: all); both faces have the same terms.
-
-    ``stretch`` >= 1 multiplies the v_j of those who are listened to (delays, theory section 5).
-    ``gains``: one per agent in place of ``holding_gains``.  ``agents``: only theirs.
-    Raises: ShapeError unless v has one entry per agent.
-    """
+    """List the different rows of the given modes (default: all); both faces have the same terms.  ``stretch`` >= 1
+    multiplies the v_j of those who are listened to (delays, theory section 5). ``gains``: one per agent in place of
+    ``holding_gains``.  ``agents``: only theirs. Raises: ShapeError unless v has one entry per agent."""
     require_one_per_agent(problem, v)
     gains = holding_gains(problem) if gains is None else gains
     found: dict[Row, Place] = {}

@@ -15,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Final
+from typing import Final, NamedTuple
 
 from dobc_design.conditions.numbers import rounded_down, shorten
 from dobc_design.conditions.separable import claim as claims
@@ -26,9 +26,10 @@ from dobc_design.coupling.tree import ZERO
 from dobc_design.errors import SpecError
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.floats import Floats, float_bounds
+from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
 from dobc_design.problem.exosystems import Exosystem
@@ -72,11 +73,9 @@ class _Question:
 
 
 def verify_separable(problem: Problem, claim: Separable, *, stretch: Fraction | int = 1) -> SeparableAnswer:
-    """Decide the rows of ``claim`` in every mode.
-
-    REFUTED says that these numbers fail at the place shown, not that consensus fails.  ``stretch`` >= 1: the
-    v_j of those who are listened to are multiplied by it (``timing``).  Raises: ShapeError, as ``rows``.
-    """
+    """Decide the rows of ``claim`` in every mode.  REFUTED says that these numbers fail at the place shown, not that
+    consensus fails.  ``stretch`` >= 1: the v_j of those who are listened to are multiplied by it (``timing``).  Raises:
+    ShapeError, as ``rows``."""
     question = _ask(problem, claim.v, claim.rho, stretch)
     if isinstance(question, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
@@ -236,7 +235,7 @@ def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fract
     """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones are left to decide."""
     try:
         waiting, count, price = [Floats.around(whole)], 0, _price(row, profiles)
-        most, near = float_bounds(limit)[0], float(limit - abs(limit) / 10**9)
+        most, near = float_below(limit), float_below(limit - abs(limit) / 10**9)
         sides = _sides(row, face, profiles, waiting[0])
         while waiting:
             S = waiting.pop()
@@ -297,43 +296,39 @@ def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
     return total
 
 
-@dataclass(frozen=True, slots=True)
-class _End:
-    """An end y = s t of the interval of a term: t, on the face that it is mirrored to, and the weight times t."""
-
-    t: Interval
-    mirrored: Interval
-    weighted: Interval
-    zero: bool
-
-
-@dataclass(frozen=True, slots=True)
-class _Side:
-    """A term on one face with its numbers in the arithmetic of the intervals S: ``whole`` from left to right, mirrored
-    to the face, ``bend`` the weight times step^2."""
+class _Side(NamedTuple):
+    """A term on one face with its numbers in the arithmetic of the intervals S: y = s t lies between the ends ``left``
+    and ``right``; ``whole`` holds both, mirrored to the face; ``bend`` is the weight times step^2."""
 
     term: Term
     kind: Profile
     face: int
     weight: Interval
-    left: _End
-    right: _End
+    left: Interval
+    right: Interval
+    weighted: Interval  # right, times the weight
     whole: Interval
     bend: Interval
 
+    def mirrored(self, y: Interval) -> Interval:
+        return y if self.face > 0 else -y
+
+    @property
+    def turns(self) -> tuple[Cell, ...]:
+        """Where phi may have a maximum."""
+        return self.kind.tops if self.face > 0 else self.kind.bottoms
+
 
 def _sides(row: Row, face: int, profiles: Sequence[Profile], S: Interval) -> list[_Side]:
-    def end(term: Term, t: Fraction) -> _End:
-        return _End(S.like(t), S.like(face * t), S.like(term.weight * t), not t)
-
     return [
         _Side(
             term=term,
             kind=profiles[term.coupling],
             face=face,
             weight=S.like(term.weight),
-            left=end(term, -term.reach),
-            right=end(term, term.step),
+            left=S.like(-term.reach),
+            right=S.like(term.step),
+            weighted=S.like(term.weight * term.step),
             whole=S.like(Interval(-term.reach, term.step) * face),
             bend=S.like(face * term.weight * term.step**2),
         )
@@ -349,10 +344,10 @@ def upper_bound(sides: Sequence[_Side], S: Interval) -> Interval:
     for side in sides:
         if not _rises(side, S):
             others = others + _largest(side, S) * side.weight
-        elif not side.right.zero:
+        elif not side.right.is_zero:
             rising.append(side)
-            found = secant(side.kind.curve, S * side.right.mirrored)
-            total = total + found.value * side.right.weighted
+            found = secant(side.kind.curve, side.mirrored(S * side.right))
+            total = total + found.value * side.weighted
             if smooth and found.slope is not None:
                 change = change + found.slope * side.bend
             else:
@@ -360,7 +355,7 @@ def upper_bound(sides: Sequence[_Side], S: Interval) -> Interval:
     if smooth and rising:
         at, value = S.middle() if not change.sign else S.ends()[change.sign > 0], ZERO
         for side in rising:
-            value = value + secant(side.kind.curve, at * side.right.mirrored).value * side.right.weighted
+            value = value + secant(side.kind.curve, side.mirrored(at * side.right)).value * side.weighted
         total = total.meet(value + change * (S - at))
     return total + others
 
@@ -373,16 +368,16 @@ def lower_bound(sides: Sequence[_Side], s: Interval) -> Fraction:
         asked = s * side.whole
         inside = (
             cell.values.lo / s.lo if side.face > 0 else -cell.values.hi / s.lo
-            for cell in _turns(side)
+            for cell in side.turns
             if asked.lo <= cell.place.lo and cell.place.hi <= asked.hi
         )
         total += side.term.weight * max(*ends, *inside)
     return total
 
 
-def _secant_times(side: _Side, end: _End, S: Interval) -> Interval:
+def _secant_times(side: _Side, t: Interval, S: Interval) -> Interval:
     """t g(s t) for s in S, for h or for -h(-y): the value h(s t)/s."""
-    return ZERO if end.zero else secant(side.kind.curve, S * end.mirrored).value * end.t
+    return ZERO if t.is_zero else secant(side.kind.curve, side.mirrored(S * t)).value * t
 
 
 def _rises(side: _Side, S: Interval) -> bool:
@@ -397,13 +392,13 @@ def _largest(side: _Side, S: Interval) -> Interval:
     """An interval whose upper end phi does not exceed on S, where h may turn: both ends, and every place where it may
     have a maximum."""
     natural = secant(side.kind.curve, S * side.whole).value * side.whole * side.face
-    if not S.bottom and any(cell.place.contains(0) for cell in _turns(side)):
+    if not S.bottom and any(cell.place.contains(0) for cell in side.turns):
         return natural
     bounds = [_secant_times(side, side.right, S)]
-    left = S * side.left.mirrored
+    left = side.mirrored(S * side.left)
     if any(cell.direction < 0 and _overlap(cell.place, left) for cell in side.kind.cells):
         bounds.append(_secant_times(side, side.left, S))
-    for cell in _turns(side):
+    for cell in side.turns:
         when = _within(cell.place * side.face, side.term, S)
         if when is not None:
             bounds.append(cell.values * side.face / when)
@@ -425,20 +420,14 @@ def _within(place: Interval, term: Term, S: Interval) -> Interval | None:
     return S.like(Interval(lo, hi)) if lo <= hi else None
 
 
-def _turns(side: _Side) -> tuple[Cell, ...]:
-    return side.kind.tops if side.face > 0 else side.kind.bottoms
-
-
 def _overlap(left: Interval, right: Interval) -> bool:
     return left.lo <= right.hi and right.lo <= left.hi
 
 
 def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> SeparableAnswer:
-    """Decide a whole certificate: its rows and, with an exosystem, the observer's part for the gain W (q, m).
-
-    PROVED: V = N + kappa E (V = N without an exosystem) decays at least at ``composite_rate`` from every start with
-    V <= rho, for arbitrary switching.
-    """
+    """Decide a whole certificate: its rows and, with an exosystem, the observer's part for the gain W (q, m).  PROVED:
+    V = N + kappa E (V = N without an exosystem) decays at least at ``composite_rate`` from every start with V <= rho,
+    for arbitrary switching."""
     exosystem = problem.joint_exosystem
     if exosystem is not None:
         if W is None or claim.error is None:

@@ -90,11 +90,9 @@ class GainTable:
 
 @lru_cache(maxsize=_KEPT)
 def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) -> GainTable:
-    """Enclose g on [-radius, radius]; the table reaches a little further, so that its nodes are floats.
-
-    A few tables are kept, since one claim asks for the same several times; their arrays cannot be written to.
-    Raises: exact.interval.UndefinedError where g cannot be enclosed.
-    """
+    """Enclose g on [-radius, radius]; the table reaches a little further, so that its nodes are floats.  A few tables
+    are kept, since one claim asks for the same several times; their arrays cannot be written to. Raises:
+    exact.interval.UndefinedError where g cannot be enclosed."""
     curve = Curve(expression)
     unit = Fraction(2) ** (math.frexp(float_above(radius))[1] - 5 if radius > 0 else -20)
     reach = unit * (radius // unit + 1)
@@ -140,11 +138,9 @@ MOST_TURNS: Final = 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """One coupling that is not nondecreasing, for one face (the lower one has -h(-y) in place of h).
-
-    ``table`` reaches to the left ends.  ``falls``: where h is not shown to rise.  ``tops``: where it may have a
-    maximum, with an upper bound of what it takes there.
-    """
+    """One coupling that is not nondecreasing, for one face (the lower one has -h(-y) in place of h).  ``table`` reaches
+    to the left ends.  ``falls``: where h is not shown to rise.  ``tops``: where it may have a maximum, with an upper
+    bound of what it takes there."""
 
     table: GainTable
     face: int
@@ -202,11 +198,11 @@ class Turning:
 def turning(kind: Profile, table: GainTable, face: int) -> Turning | None:
     """Bring a coupling into floats; None if it turns too often."""
     tops = kind.tops if face > 0 else kind.bottoms
-    falls = tuple(_joined(_outward(cell.place, face) for cell in kind.cells if cell.direction <= 0))
+    falls = tuple(_joined((cell.place * face).floats() for cell in kind.cells if cell.direction <= 0))
     if len(tops) > MOST_TURNS or len(falls) > MOST_TURNS:
         return None
     values = [float_above(cell.values.hi if face > 0 else -cell.values.lo) for cell in tops]
-    places = tuple((*_outward(cell.place, face), value) for cell, value in zip(tops, values, strict=True))
+    places = tuple((*(cell.place * face).floats(), value) for cell, value in zip(tops, values, strict=True))
     return Turning(table=table, face=face, falls=falls, tops=places)
 
 
@@ -224,11 +220,6 @@ def _when(low: float, high: float, steps: Array, reaches: Array, s: float, t: fl
 
 def _right_end(steps: Array, s: float, t: float) -> Array:
     return np.maximum(up(s * steps), up(t * steps))
-
-
-def _outward(place: Interval, face: int) -> tuple[float, float]:
-    mirrored = place if face > 0 else -place
-    return float_below(mirrored.lo), float_above(mirrored.hi)
 
 
 def _joined(places: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -251,11 +242,9 @@ _SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcRows:
-    """The arcs of one mode by listener: those of agent i are start[i]:start[i + 1].
-
-    ``steps`` are at least v_j - v_i, ``reaches`` at least v_i + v_j; ``weights`` and ``own`` (v) are lower and upper
-    bounds, None for weights that are all 1.
-    """
+    """The arcs of one mode by listener: those of agent i are start[i]:start[i + 1].  ``steps`` are at least v_j - v_i,
+    ``reaches`` at least v_i + v_j; ``weights`` and ``own`` (v) are lower and upper bounds, None for weights that are
+    all 1."""
 
     start: Any
     steps: Array
@@ -301,11 +290,9 @@ def arc_rows(problem: Problem, v: Sequence[Fraction], mode: str, *, stretch: Fra
 def float_kinds(
     profiles: Sequence[Profile], modes: Sequence[ArcRows], *, rho: Fraction, cells: int = CELLS
 ) -> Kinds | None:
-    """Bring the couplings into floats, as far out as these rows look; None if one of them turns too often.
-
-    ``cells``: of a table; half as many where it reaches to the left ends, which seldom decide.
-    Raises: exact.interval.UndefinedError where a gain cannot be enclosed.
-    """
+    """Bring the couplings into floats, as far out as these rows look; None if one of them turns too often.  ``cells``:
+    of a table; half as many where it reaches to the left ends, which seldom decide. Raises:
+    exact.interval.UndefinedError where a gain cannot be enclosed."""
     tables, turns = [], {}
     steps, reaches = np.zeros(len(profiles)), np.zeros(len(profiles))
     for each in modes:

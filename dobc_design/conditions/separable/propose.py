@@ -293,11 +293,9 @@ class SeparablePlan:
 
 
 def propose_separable(problem: Problem, *, rho: Fraction | float, near: float | None = None) -> SeparablePlan | None:
-    """Find v with min v = 1 and the largest rate, about, for all s in (0, rho]; None if no positive rate is found.
-
-    The box |e|_inf <= rho is then inside {N <= rho}.  ``near``: a rate (1/s) that is expected, with which the search
-    for many agents begins.
-    """
+    """Find v with min v = 1 and the largest rate, about, for all s in (0, rho]; None if no positive rate is found.  The
+    box |e|_inf <= rho is then inside {N <= rho}.  ``near``: a rate (1/s) that is expected, with which the search for
+    many agents begins."""
     if not find_ordering(problem).exists or not 0 < rho <= LARGEST_RADIUS:
         return None
     with np.errstate(all="ignore"):  # far out couplings overflow or end; what is not finite is no proposal
@@ -331,11 +329,9 @@ def _fastest(
     fall: float = 8.0,
     growth: float = math.inf,
 ) -> tuple[float, Array]:
-    """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.
-
-    The rate may be many powers of ten below the gains: divide by ``fall`` first, then evenly, but no step up is more
-    than ``growth``.
-    """
+    """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.  The rate may be
+    many powers of ten below the gains: divide by ``fall`` first, then evenly, but no step up is more than
+    ``growth``."""
     low, high = 0.0, float(np.max(field.gains))
     slowest, middle = SLOWEST * high, high / fall if first == math.inf else min(first, high)
     while high > slowest and not (low and high - low <= close * low):
@@ -364,10 +360,8 @@ def design_separable(
     problem: Problem, *, radius: Fraction, disturbance: Fraction = Fraction(0), W: Matrix | None = None
 ) -> SeparablePlan | None:
     """Plan a certificate for every start with |e|_inf <= radius and |eps_i| <= disturbance; None if none is found.
-
-    With an exosystem the observer's part is chosen for the gain W (q, m), so that V = N + kappa E is
-    about as fast as N.
-    """
+    With an exosystem the observer's part is chosen for the gain W (q, m), so that V = N + kappa E is about as fast as
+    N."""
     exosystem = problem.joint_exosystem
     if exosystem is None:
         return propose_separable(problem, rho=radius)
@@ -461,11 +455,9 @@ def first_certificate(
 
 
 def least_above(field: Field, *, alpha: float, lower: Array, start: Array | None = None) -> Array | None:
-    """The least v >= ``lower`` (n,) whose rows hold with rate alpha, about; None if none is found.
-
-    ``start`` (n,), where it is given, lies between the two.  Newton's method ends where h(s y)/s loses its digits: at
-    the smallest s of the grid.
-    """
+    """The least v >= ``lower`` (n,) whose rows hold with rate alpha, about; None if none is found.  ``start`` (n,),
+    where it is given, lies between the two.  Newton's method ends where h(s y)/s loses its digits: at the smallest s of
+    the grid."""
     close, drop = TIGHT if field.size <= FEW_AGENTS else LOOSE
     noise = ROUNDING / float(field.grid[0])
     accuracy = (max(close, noise), max(drop, 100 * noise))

@@ -39,11 +39,9 @@ class _Bound:
 
 
 def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -> ErrorBound | None:
-    """Find P, beta and kappa = 1/(beta - rate) for min v = 1, with kappa sqrt(lambda_max(P)) about least.
-
-    ``rate`` (1/s) is what V = N + kappa E is to decay with; below the decay rate of A - WC.
-    Returns None where no such bound is found (A - WC is not Hurwitz, or slower than ``rate``).
-    """
+    """Find P, beta and kappa = 1/(beta - rate) for min v = 1, with kappa sqrt(lambda_max(P)) about least.  ``rate``
+    (1/s) is what V = N + kappa E is to decay with; below the decay rate of A - WC. Returns None where no such bound is
+    found (A - WC is not Hurwitz, or slower than ``rate``)."""
     C = to_float(exosystem.C)
     error = to_float(exosystem.A) - to_float(W) @ C
     fastest = float(-np.max(np.linalg.eigvals(error).real))

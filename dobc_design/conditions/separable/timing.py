@@ -60,11 +60,9 @@ def longest_delay(problem: Problem, claim: Separable, *, rate: Fraction) -> Dela
 
 
 def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
-    """The largest sampling period, about, that is certified by ``claim`` (proved before).
-
-    The period is at most 1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a face.
-    None where the certificate does not apply, or the slopes are not bounded.
-    """
+    """The largest sampling period, about, that is certified by ``claim`` (proved before).  The period is at most
+    1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a face. None where the certificate does
+    not apply, or the slopes are not bounded."""
     stiffest = _stiffest(problem, claim)
     period = _ZERO if isinstance(stiffest, str) or stiffest <= 0 else rounded_down(1 / stiffest)
     return SamplingBound(period=period, factor=1 - period * claim.alpha) if period > 0 else None
@@ -117,11 +115,9 @@ def sampled_factor(claim: Separable, bound: SamplingBound) -> Fraction:
 
 
 class _Steepest:
-    """The largest mean slope, at least 0, of a coupling on the ways that a held step can take; each interval once.
-
-    A part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in s [step, step + 2 x v_i] where h is
-    nondecreasing, because e_j = s v_j is then the worst.  The mean over x is bounded slice by slice.
-    """
+    """The largest mean slope, at least 0, of a coupling on the ways that a held step can take; each interval once.  A
+    part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in s [step, step + 2 x v_i] where h is
+    nondecreasing, because e_j = s v_j is then the worst.  The mean over x is bounded slice by slice."""
 
     def __init__(self, profiles: Sequence[Profile], rho: Fraction | None, *, grid: Fraction | None) -> None:
         self.profiles = profiles

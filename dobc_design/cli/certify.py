@@ -211,9 +211,7 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
 
 def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check], *, file: str | None) -> None:
     """The verdict, the checks with their reasons, and what would cure it.  Text of the user is shown as it is.
-
-    ``file``: what the problem was read from, for the command that writes the cured one.
-    """
+    ``file``: what the problem was read from, for the command that writes the cured one."""
     from rich.text import Text
 
     from dobc_design._show.text import significant_towards_zero

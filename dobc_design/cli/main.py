@@ -225,10 +225,8 @@ app.command(cls=_Command)(doctor.doctor)
 
 
 def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
-    """Run it and return the exit code, having said what went wrong.  Raises: NoOutput when that cannot be said.
-
-    No traceback reaches a user, and an uncaught exception is never 1, which means refuted.
-    """
+    """Run it and return the exit code, having said what went wrong.  Raises: NoOutput when that cannot be said.  No
+    traceback reaches a user, and an uncaught exception is never 1, which means refuted."""
     from typer.exceptions import TyperException
 
     def failed(kind: str, message: str, cure: str | None, code: int, key: str | None = None) -> int:

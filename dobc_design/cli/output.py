@@ -168,9 +168,7 @@ def show(parts: Iterable[RenderableType], *, wrapped: bool = False) -> None:
 
 class Progress:
     """Names the current stage on standard error: on a terminal as a line that changes, silent elsewhere.
-
-    ``Manner.VERBOSE``: every stage as a line of its own with the seconds so far, wherever standard error goes.
-    """
+    ``Manner.VERBOSE``: every stage as a line of its own with the seconds so far, wherever standard error goes."""
 
     def __init__(self, manner: Manner = Manner.NORMAL) -> None:
         self.manner = manner

@@ -36,11 +36,9 @@ MOST_SAMPLES = 400
 
 
 class Recorder:
-    """Simulates the sampled loop of a controller over 10 s (at most 400 samples), and remembers the last one.
-
-    ``gain`` and ``sampled_gain`` as in ``make_controller``.  A ``signal`` that depends on the states is left out: the
-    first mode then holds.
-    """
+    """Simulates the sampled loop of a controller over 10 s (at most 400 samples), and remembers the last one.  ``gain``
+    and ``sampled_gain`` as in ``make_controller``.  A ``signal`` that depends on the states is left out: the first mode
+    then holds."""
 
     def __init__(
         self, *, gain: Gain | None = None, sampled_gain: Gain | None = None, signal: Signal | None = None
@@ -75,10 +73,8 @@ class Recorder:
         return self.last[1]
 
     def recorded(self, controller: Controller) -> Recorded:
-        """What one agent measures, hears and does: the first of the table that is pinned, else the first.
-
-        Raises: SpecError when the simulated loop diverges.
-        """
+        """What one agent measures, hears and does: the first of the table that is pinned, else the first.  Raises:
+        SpecError when the simulated loop diverges."""
         why = self.objection(controller)
         if why:
             raise SpecError(f"there are no test vectors: {why}", key="--period", cure="Take a shorter period.")
@@ -145,9 +141,7 @@ COMPILE = "gcc -std=c99 -O2 -Wall -Wextra -Werror -pedantic dobc_agent.c main.c 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class CCode(Shown):
     """C99 of a sampled controller: the files by name, the numbers in them, and what is decided about them.
-
-    ``tolerance``: how far u, v and dhat may be from the double-precision loop along the test vectors.
-    """
+    ``tolerance``: how far u, v and dhat may be from the double-precision loop along the test vectors."""
 
     files: Mapping[str, bytes]
     controller: Controller

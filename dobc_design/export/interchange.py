@@ -276,11 +276,9 @@ def to_control(
 
 
 def python_script(problem: Source) -> str:
-    """The closed loop as the text of a Python file that needs NumPy and python-control only.
-
-    Numbers are floats in their shortest exact form, couplings the text of the problem, which is Python once its
-    functions are named; text of users appears in strings only.  Raises: SpecError for more than 20 000 arcs.
-    """
+    """The closed loop as the text of a Python file that needs NumPy and python-control only.  Numbers are floats in
+    their shortest exact form, couplings the text of the problem, which is Python once its functions are named; text of
+    users appears in strings only.  Raises: SpecError for more than 20 000 arcs."""
     problem = _loaded(problem)
     gain = observer_gain(problem)
     arcs = sum(len(each) for each in problem.network.modes.values())

@@ -89,10 +89,8 @@ class ErringAlgebra:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recorded:
-    """One agent's samples in the double-precision loop.
-
-    Shapes: x, u, v, dhat (S, m), heard (S, neighbours, m), xihat (S, q), modes (S,).
-    """
+    """One agent's samples in the double-precision loop.  Shapes: x, u, v, dhat (S, m), heard (S, neighbours, m), xihat
+    (S, q), modes (S,)."""
 
     agent: AgentNumbers
     modes: NDArray[np.int64]

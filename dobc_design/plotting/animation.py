@@ -33,9 +33,7 @@ COLOURS = {"blue": BLUE, "grid": GRID, "ink": INK, "muted": MUTED, "paper": PAPE
 
 def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bool = False) -> Path:
     """Write ``path``: .html or .gif.  ``arcs``: (listener, speaker) by mode, where the run has no graphs of its own.
-
-    Raises: SpecError for another ending, a network that is too large, or a GIF without Pillow.
-    """
+    Raises: SpecError for another ending, a network that is too large, or a GIF without Pillow."""
     kind = path.suffix.lower()
     if kind not in (".html", ".gif"):
         told = f"an animation is saved as .html or .gif; got {path.name[:40]!r}."

@@ -248,10 +248,8 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
 
 
 def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
-    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None.
-
-    ``pairs`` are (listener, speaker), each once.
-    """
+    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None.  ``pairs`` are
+    (listener, speaker), each once."""
     known = list(pairs)
     steps = {(speaker - listener) % n for listener, speaker in known}
     return tuple(sorted(steps)) if known and len(known) == n * len(steps) else None

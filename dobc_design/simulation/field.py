@@ -43,10 +43,8 @@ _VARIABLE, _CONSTANT = -1, 0  # in place of a number of operands
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
     """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common weight, or (arcs,).
-
     ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of ``rows``.  Without slots, for hubs,
-    ``counts[i]`` arcs end at the i-th of ``rows``, and the matrix ``factor`` adds them.
-    """
+    ``counts[i]`` arcs end at the i-th of ``rows``, and the matrix ``factor`` adds them."""
 
     h: Callable[[Array], Array]
     vector: bool  # whether h needs to see the m components of a difference together
@@ -88,10 +86,8 @@ class Graph:
     blocks: tuple[_Block, ...]
 
     def __call__(self, e: Array) -> Array:
-        """h(e) of (9), in a new array.
-
-        Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by agent.
-        """
+        """h(e) of (9), in a new array.  Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by
+        agent."""
         rows = np.ascontiguousarray(e).reshape((self.n, -1) if e.size > self.n else (self.n,))
         total = np.zeros_like(rows)
         for block in self.blocks:
@@ -284,9 +280,7 @@ MOST_NUMBERS = 1 << 24  # of the table
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
     """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in ``problem.arrays.Disturbance``.
-
-    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0.
-    """
+    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0."""
 
     n: int
     m: int

@@ -329,11 +329,9 @@ def describing(path: Path, *, key: str, what: str, cure: str) -> Iterator[None]:
 def read_arrays(
     path: Path, names: Sequence[str], fits: Callable[[Mapping[str, tuple[int, ...]]], None]
 ) -> dict[str, NDArray[Any]]:
-    """The arrays of an .npz file, those of ``names`` that are there; nothing is unpickled.
-
-    Sizes and shapes are read before the data: ``fits`` sees them, and may raise.  Unpacked, the arrays may take
-    LARGEST bytes, or as many as the file has.  Raises: what ``describing`` expects.
-    """
+    """The arrays of an .npz file, those of ``names`` that are there; nothing is unpickled.  Sizes and shapes are read
+    before the data: ``fits`` sees them, and may raise.  Unpacked, the arrays may take LARGEST bytes, or as many as the
+    file has.  Raises: what ``describing`` expects."""
     data = read_bytes(path, limit=LARGEST_FILE, what="file of arrays")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         listed = {each.filename.removesuffix(".npy"): each for each in archive.infolist()}

@@ -100,12 +100,9 @@ def make_basis(n: int, shape: str) -> Basis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Block:
-    """One matrix inequality F > 0 of N rows; see above.
-
-    ``plain``: a multiple of Y that is added (then N = n, and Y occurs in no other way).
-    ``sides``: L and R (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs`` (k,), ``scalars`` (k,):
-    which scalar multiplies which column; ``dense``: scalar -> M_k (N, N).
-    """
+    """One matrix inequality F > 0 of N rows; see above.  ``plain``: a multiple of Y that is added (then N = n, and Y
+    occurs in no other way). ``sides``: L and R (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs``
+    (k,), ``scalars`` (k,): which scalar multiplies which column; ``dense``: scalar -> M_k (N, N)."""
 
     constant: Array
     plain: float = 0.0

@@ -126,11 +126,8 @@ def damping_holds(F: Matrix, damping: Fraction) -> bool:
 
 
 def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponential.IntervalMatrix:
-    """Enclose Ad - W Cd, with Ad = exp(A T) and Cd = C (1/T) int_0^T exp(A s) ds.
-
-    The sampled observer works with means over a period: (x_(k+1) - x_k)/T less the mean of couplings and inputs is
-    Cd xi_k.
-    """
+    """Enclose Ad - W Cd, with Ad = exp(A T) and Cd = C (1/T) int_0^T exp(A s) ds.  The sampled observer works with
+    means over a period: (x_(k+1) - x_k)/T less the mean of couplings and inputs is Cd xi_k."""
     found = exponential.discretise(exosystem.A, period)
     q = exosystem.order
     zero = Interval.point(0)
@@ -351,11 +348,8 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
 
 
 def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
-    """At an eigenvalue s of A with C v != 0 the estimate follows exactly: C (sI - F)^-1 W C v = C v.
-
-    So for Re s >= 0 (maximum principle) no W has a disturbance channel of norm below 1, or a measurement channel
-    below |s|.
-    """
+    """At an eigenvalue s of A with C v != 0 the estimate follows exactly: C (sI - F)^-1 W C v = C v.  So for Re s >= 0
+    (maximum principle) no W has a disturbance channel of norm below 1, or a measurement channel below |s|."""
     A = observable_reduction(exosystem.A, exosystem.C)[0]
     polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
     if len(polynomial) < 2 or roots.routh(polynomial).verdict is Verdict.PROVED:

@@ -136,11 +136,9 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
 def lmi_gain(
     A: Array, C: Array, regions: Sequence[SpectralRegion], *, noise: Sequence[NoiseLimit] = (), slack: float = 1e-6
 ) -> Array | None:
-    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.
-
-    Shapes: A (q, q) in 1/s, C (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units of the
-    fastest rate in play, so that an H-infinity norm of the exosystem channel is so many times as large.
-    """
+    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.  Shapes: A (q, q) in 1/s, C
+    (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units of the fastest rate in play, so that an
+    H-infinity norm of the exosystem channel is so many times as large."""
     q, m = C.shape[1], C.shape[0]
     ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
     time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)), *ends)

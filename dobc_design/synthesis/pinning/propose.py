@@ -91,10 +91,8 @@ class PinningProposer:
         self, allowed: Sequence[int], groups: Sequence[Sequence[int]], rate: float, pins: int | None
     ) -> tuple[int, ...] | None:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
-
         One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add, then
-        exchanges of one agent for another; of many agents those that save most.
-        """
+        exchanges of one agent for another; of many agents those that save most."""
         chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
         if blocks.z and blocks.agents > MANY:
             with np.errstate(all="ignore"):

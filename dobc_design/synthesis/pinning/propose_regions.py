@@ -71,10 +71,8 @@ def propose_for_box(
     problem: Problem, request: PinningRequest, *, rho: Fraction | None, rate: float
 ) -> list[tuple[Vector, Array]]:
     """v (n,), exact with min v = 1, and gains (n,) for it with which the rows hold with ``rate`` for all s in (0, rho].
-
     The cheapest v with more and more digits, if rounding makes the gains no dearer than their own digits do, and the
-    last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear.
-    """
+    last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear."""
     if rho is not None and rho > LARGEST_RADIUS:
         return []
     try:
@@ -182,11 +180,9 @@ def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegionGains:
-    """Gains (1/s) by agent index that reach ``rate`` (1/s), about.
-
-    ``prices``: by agent, what the whole sum of gains would fall by for each 1/s of gain there (1 for pinned agents
-    that are at their optimum).  ``rate_price``: what the sum rises by for each 1/s of rate.
-    """
+    """Gains (1/s) by agent index that reach ``rate`` (1/s), about.  ``prices``: by agent, what the whole sum of gains
+    would fall by for each 1/s of gain there (1 for pinned agents that are at their optimum).  ``rate_price``: what the
+    sum rises by for each 1/s of rate."""
 
     gains: dict[int, float]
     rate: float

@@ -235,12 +235,10 @@ class _Node:
 
 @dataclass(eq=False)
 class Choice:
-    """The cheapest set of at most ``pins`` allowed agents at the rate asked, with a proved bound.
-
-    ``agents``: the cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs less (proved).
-    ``impossible``: proved that no such set reaches the rate.  ``rivals``: other sets that were met and cost the same to
-    six digits.  ``start``: a set to begin with.  ``groups``: each needs a pin.
-    """
+    """The cheapest set of at most ``pins`` allowed agents at the rate asked, with a proved bound.  ``agents``: the
+    cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs less (proved). ``impossible``:
+    proved that no such set reaches the rate.  ``rivals``: other sets that were met and cost the same to six digits.
+    ``start``: a set to begin with.  ``groups``: each needs a pin."""
 
     ground: Ground
     proposer: PinningProposer

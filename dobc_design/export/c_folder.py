@@ -58,8 +58,7 @@ class Recorder:
         """The sampled loop at the controller's period."""
         if self.last is None or self.last[0] != controller.period:
             period = float(controller.period)
-            count = min(MOST_SAMPLES, int(SECONDS / period)) + 1
-            times = [k * period for k in range(max(2, count))]
+            times = [k * period for k in range(max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1))]
             setting = make_setting(
                 controller.problem,
                 mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,

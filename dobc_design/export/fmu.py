@@ -167,7 +167,6 @@ def _compiled(files: Mapping[str, bytes]) -> _Library | None:
             raise SolverError(f"the C compiler could not be run: {error}.", key="--fmu", cure=cure) from error
         if done.returncode != 0 or not library.exists():
             first = next(iter(done.stderr.strip().splitlines()), "no message")
-            message = f"the C compiler refused the FMU's code: {first[:200]}."
-            raise SolverError(message, key="--fmu", cure=cure)
+            raise SolverError(f"the C compiler refused the FMU's code: {first[:200]}.", key="--fmu", cure=cure)
         machine = MACHINES.get(platform.machine(), platform.machine())
         return _Library(f"{machine}-{system}", library.name, library.read_bytes())

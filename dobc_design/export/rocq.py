@@ -31,8 +31,7 @@ def comment(*paragraphs: str) -> str:
     """A comment, whatever the text: it can neither end the comment nor open a comment or string in it."""
     harmless = (text.replace('"', "'").replace("(*", "( *").replace("*)", "* )") for text in paragraphs)
     plain = (text.encode("ascii", "backslashreplace").decode("ascii") for text in harmless)
-    lines = [line for text in plain for line in textwrap.wrap(text, WIDTH - 6)]
-    return "(* " + "\n   ".join(lines) + " *)"
+    return "(* " + "\n   ".join([line for text in plain for line in textwrap.wrap(text, WIDTH - 6)]) + " *)"
 
 
 def number(x: Fraction) -> str:

@@ -192,8 +192,7 @@ class Box:
 
     def project(self, e: Array, eps: Array) -> Pair:
         eps = eps * _owned(self.loop)[:, :, None]
-        lengths = np.linalg.norm(eps, axis=1, keepdims=True)
-        factor = np.minimum(1.0, self.radius / np.maximum(lengths, TINY))
+        factor = np.minimum(1.0, self.radius / np.maximum(np.linalg.norm(eps, axis=1, keepdims=True), TINY))
         return np.clip(e, self.low[:, None], self.high[:, None]), eps * factor
 
     def holds(self, e: Array) -> bool:

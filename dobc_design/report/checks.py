@@ -210,8 +210,7 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
         doc.Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
         doc.Column("found here", lambda kind: _found(kind.id, checks), 0.8),
     )
-    blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table)
-    return doc.Section("Traceability", blocks, "traceability")
+    return doc.Section("Traceability", (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table), "traceability")
 
 
 def _found(id: str, checks: Sequence[Check]) -> str:

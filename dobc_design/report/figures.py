@@ -405,5 +405,4 @@ def _scaled(layout: Mapping[int, Any], agents: Iterable[int]) -> Positions:
 def _fitted(places: Positions) -> Positions:
     low, high = places.min(axis=0), places.max(axis=0)
     size = float((high - low).max()) or 1.0
-    fitted = (places - (low + high) / 2) * (2 / size)
-    return np.asarray(np.round(fitted, 3), dtype=np.float64)
+    return np.asarray(np.round((places - (low + high) / 2) * (2 / size), 3), dtype=np.float64)

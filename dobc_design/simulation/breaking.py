@@ -206,8 +206,7 @@ def _late(run: Trajectory, stress: Stress) -> float:
     if run.diverged or not working:
         return np.inf
     error = np.abs(run.x - run.goal)
-    late = error[run.times >= LATE * run.t_final][:, working].max()
-    return float(late / max(float(error[0].max()), 1e-300))
+    return float(error[run.times >= LATE * run.t_final][:, working].max() / max(float(error[0].max()), 1e-300))
 
 
 def _grid(problem: Problem, option: str, calm: Trajectory, loop: Loop) -> Iterator[tuple[float, float, Stress]]:

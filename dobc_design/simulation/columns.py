@@ -155,8 +155,7 @@ class Stretch:
         errors = ((E @ flat[: STAGES + 1]).reshape(self.y.shape) / scale for E in (DOP853.E5, DOP853.E3))
         fifth, third = (np.square(each).sum(axis=0) for each in errors)
         below = np.sqrt((fifth + 0.01 * third) * len(self.y))
-        norm = np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below))
-        return new, K[STAGES], norm
+        return new, K[STAGES], np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below))
 
     def record(self, good: NDArray[np.bool_], h: Array, ends: Array, new: Array, f_new: Array) -> None:
         upto = np.searchsorted(self.samples, ends, side="right")

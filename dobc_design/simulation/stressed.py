@@ -280,8 +280,7 @@ class Loops:
         """The disturbance that no exosystem knows, (S, n m, k); nothing without one."""
         if not self.crew.stress.disturbance:
             return np.zeros((len(times), 0, len(runs)))
-        extra = self.crew.extra(times[:, None, None, :], self.alive[runs])
-        return extra.reshape(len(times), -1, len(runs))
+        return self.crew.extra(times[:, None, None, :], self.alive[runs]).reshape(len(times), -1, len(runs))
 
     def size(self, y: Array) -> Array:
         return np.asarray(np.abs(self.split(y)[0] - self.goal).max(axis=(0, 1)))

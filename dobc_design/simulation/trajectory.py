@@ -430,9 +430,7 @@ def quantile_interval(values: Array, level: float, confidence: float) -> tuple[f
     below = bdtr(np.arange(count), count, level)  # P(at most k values lie below the quantile)
     low = int(np.searchsorted(below, tail, side="right")) - 1
     high = int(np.searchsorted(below, 1 - tail, side="left"))
-    if low < 0 or high >= count:
-        return None
-    return float(ordered[low]), float(ordered[high])
+    return None if low < 0 or high >= count else (float(ordered[low]), float(ordered[high]))
 
 
 def proportion_interval(successes: int, count: int, confidence: float) -> tuple[float, float]:

@@ -80,8 +80,7 @@ def solve_cones(
             return clarabel.PSDTriangleConeT(_order(size))
         return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
 
-    dense = all(isinstance(each.rows, np.ndarray) for each in cones)
-    stack = np.vstack if dense else sparse.vstack
+    stack = np.vstack if all(isinstance(each.rows, np.ndarray) for each in cones) else sparse.vstack
     try:
         settings = clarabel.DefaultSettings()
         settings.verbose = False

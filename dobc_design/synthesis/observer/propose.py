@@ -189,8 +189,7 @@ def _region_block(M: Array, P: Array, region: SpectralRegion, *, time: float, sl
         return np.block([[(slack - r) * P, M - x * P], [(M - x * P).T, (slack - r) * P]])
     if isinstance(region, Cone):
         z = float(region.damping)
-        s = math.sqrt(1 - z * z)
-        symmetric, skew = s * (M + M.T) + slack * P, z * (M - M.T)
+        symmetric, skew = math.sqrt(1 - z * z) * (M + M.T) + slack * P, z * (M - M.T)
         return np.block([[symmetric, skew], [skew.T, symmetric]])
     low, high = region.real_ends
     if high is not None:

@@ -56,8 +56,7 @@ class Box:
 
     def follow(self, lower: Array) -> Array | None:
         """The least v at or above ``lower``; on pins without a cap it is ``lower``.  None if none is found."""
-        top = HELD * max(1.0, self.rate)
-        gains = np.where(self.allowed, np.minimum(self.caps, top), 0.0)
+        gains = np.where(self.allowed, np.minimum(self.caps, HELD * max(1.0, self.rate)), 0.0)
         return least_above(replace(self.field, gains=gains), alpha=self.rate, lower=lower)
 
     def gains(self, v: Array) -> Array:
@@ -162,8 +161,7 @@ def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
         for face in (1, -1):
             table = field.values(mode, face, v) / v
             best = np.argmax(table, axis=0)
-            other = np.where(best == len(table) - 1, 0, len(table) - 1)
-            for places in (best, other):
+            for places in (best, np.where(best == len(table) - 1, 0, len(table) - 1)):
                 value = table[places, np.arange(n)]
                 slope = sparse.diags_array(1 / v) @ field.slopes(mode, face, places, v) @ sparse.diags_array(v)
                 slope = sparse.csr_array(slope - sparse.diags_array(value))

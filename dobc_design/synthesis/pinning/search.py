@@ -21,14 +21,8 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.network import Enclosed, carriers, name_agents
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.separable import decide as separable
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, find_ordering
-from dobc_design.conditions.separable.decide import (
-    composite_rate,
-    coupling_profiles,
-    covers,
-    verify_composite,
-    verify_separable,
-)
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError
@@ -486,7 +480,7 @@ def _on(
         text = "does not apply: the max-separable certificate is for couplings that act on each state component by"
         return without(undecided("method", f"{text} itself."))
     try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
-        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=asked.rho)
+        separable.coupling_profiles(bare, (Fraction(1),) * bare.n, rho=asked.rho)
     except UndefinedError as error:
         return without(undecided("method", f"does not apply: {error}"))
     labels, limited = bare.network.labels, replace(request, allowed=tuple(sorted(agents)))
@@ -495,7 +489,7 @@ def _on(
             gains = typed_gains(dict(enumerate(proposed.tolist())), digits=request.digits, caps=request.caps)
             held = changed_problem(bare, {"pinning.gains": {labels[i]: k for i, k in gains.items()}})
             claim = Separable(v=v, alpha=request.rate, rho=asked.rho)
-            if gains and verify_separable(held, claim).verdict is Verdict.PROVED:
+            if gains and separable.verify_separable(held, claim).verdict is Verdict.PROVED:
                 return _covered(request, asked, structure, gains, held, replace(claim, error=asked.error))
     where = "" if asked.rho is None else f" over |e_i| <= {shown_number(asked.rho)}"
     text = "no gains on the allowed agents were found with which the max-separable certificate reaches the rate"
@@ -509,10 +503,10 @@ def _covered(
     """The design whose rows are proved, if the observer's part is as well and the box holds the region."""
     wrong = ""
     if asked.error is not None:
-        decided = verify_composite(held, asked.W, claim)
+        decided = separable.verify_composite(held, asked.W, claim)
         wrong = "" if decided.verdict is Verdict.PROVED else f": {decided.reason}"
-    reaches = covers(claim, radius=asked.radius, disturbance=asked.disturbance)
-    if wrong or not reaches or composite_rate(claim) < request.rate:
+    reaches = separable.covers(claim, radius=asked.radius, disturbance=asked.disturbance)
+    if wrong or not reaches or separable.composite_rate(claim) < request.rate:
         obstacle = undecided("observer", f"the observer's part is not proved{wrong or '.'}")
         return without_gains(request, structure, obstacle, radius=asked.radius)
     labels, cost = held.network.labels, cost_of(request, gains)

@@ -242,10 +242,8 @@ def _config(place: int, agent: AgentNumbers, precision: str) -> str:
     arcs = ", ".join(f"arcs_{place}_{mode}" if hearings else "0" for mode, hearings in enumerate(agent.modes))
     gain = ", ".join(row(each, precision) for each in agent.gain)
     neighbours = f"neighbours_{place}" if agent.neighbours else "0"
-    return (
-        f"    {{{string(agent.label)}, {row(agent.goal, precision)}, {{{gain}}}, {len(agent.neighbours)},"
-        f" {neighbours}, {{{counts}}}, {{{arcs}}}}}"
-    )
+    text = f"    {{{string(agent.label)}, {row(agent.goal, precision)}, {{{gain}}}, {len(agent.neighbours)},"
+    return text + f" {neighbours}, {{{counts}}}, {{{arcs}}}}}"
 
 
 def c_code(controller: Controller, recorded: Recorded, *, certified: Statement | None = None) -> CCode:

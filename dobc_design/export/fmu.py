@@ -93,11 +93,9 @@ def sources(controller: Controller, token: str) -> dict[str, str]:
     )
     heard = len(controller.agents[0].neighbours)
     listed = "".join(f'<SourceFile name="{name}"/>' for name in ("dobc_agent.c", "fmi3_agent.c"))
-    build = (
-        '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
-        f'  <BuildConfiguration modelIdentifier="{MODEL}">\n    <SourceFileSet language="C99">{listed}'
-        "</SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n"
-    )
+    build = '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
+    build += f'  <BuildConfiguration modelIdentifier="{MODEL}">\n    <SourceFileSet language="C99">{listed}'
+    build += "</SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n"
     return {
         "dobc_agent.h": header_text(controller),
         "dobc_agent.c": source_text(controller),

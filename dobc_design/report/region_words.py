@@ -204,10 +204,8 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     """What the picture of single agents shows; ``drawn``: how many of them, if not all."""
     bounds = [agent.bound for agent in regions.agents]
     least, most = lower(min(bounds)), lower(max(bounds))
-    text = (
-        "By the max-separable certificate every agent may start anywhere in its bar, all of them at once:"
-        f" |eᵢ| may be up to {least if least == most else f'{least}, for some agents up to {most}'}."
-    )
+    text = "By the max-separable certificate every agent may start anywhere in its bar, all of them at once:"
+    text += f" |eᵢ| may be up to {least if least == most else f'{least}, for some agents up to {most}'}."
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
 
@@ -260,11 +258,9 @@ def settling_sentence(settling: Settling) -> str:
     """The whole claim; a time is never shown shorter than it is, nor the box of starts larger."""
     errors = f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i" if settling.disturbance else ""
     count = len(settling.stages)
-    return (
-        f"From every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
-        f" {upper(float_above(settling.tolerance))} for all t ≥ {upper(settling.time or 0.0)} s,"
-        f" {'by one certificate' if count == 1 else f'by {count} certificates in turn'}."
-    )
+    text = f"From every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
+    text += f" {upper(float_above(settling.tolerance))} for all t ≥ {upper(settling.time or 0.0)} s,"
+    return text + f" {'by one certificate' if count == 1 else f'by {count} certificates in turn'}."
 
 
 def timing_notes(timings: Sequence[StageTiming]) -> list[str]:
@@ -281,10 +277,8 @@ def timing_notes(timings: Sequence[StageTiming]) -> list[str]:
 
 def envelope_alt(settling: Settling) -> str:
     """The picture of the envelope in words."""
-    return (
-        f"Certified bound of |e|∞ over time: from {upper(float(settling.envelope(0.0)))} down to"
-        f" {lower(settling.tolerance)} at {upper(settling.time)} s, in {len(settling.stages)} stage(s)."
-    )
+    text = f"Certified bound of |e|∞ over time: from {upper(float(settling.envelope(0.0)))} down to"
+    return text + f" {lower(settling.tolerance)} at {upper(settling.time)} s, in {len(settling.stages)} stage(s)."
 
 
 def search_sections(

@@ -186,10 +186,8 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
 def _about_the_model(problem: Problem, messages: str) -> str:
     disturbances = "one (A, C) for all agents, " if problem.groups else ""
     disturbances = "one (A, C) for each group of agents, " if problem.is_grouped else disturbances
-    return (
-        f"It is about the model as given: single integrators, {disturbances}{messages}. Whether the model fits the"
-        " plant is not decided here."
-    )
+    text = f"It is about the model as given: single integrators, {disturbances}{messages}. Whether the model fits the"
+    return text + " plant is not decided here."
 
 
 def agents_table(problem: Problem) -> doc.Table | None:

@@ -53,10 +53,8 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
         own = group.observer.W if problem.is_grouped or group.observer.W == W else None
         if own is not None and not observable_part_is_hurwitz(group.exosystem, own):
             whose = f" of the group of agent {group.name}" if problem.is_grouped else ""
-            return (
-                f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the agents."
-                " Choose another W, or leave W out to have one designed."
-            )
+            told = f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the"
+            return told + " agents. Choose another W, or leave W out to have one designed."
     refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
     for check in refuting if region is None or _target_is_interior(problem) else ():
         if isinstance(check.claim, Unstable) and check.claim.roots:

@@ -143,10 +143,8 @@ def _checks(first: Certificate, second: Certificate) -> doc.Section:
     """Every check that one of them has, in the order of A, then those that only B has; marked where they differ."""
     a, b = ({(check.id, check.mode): check for check in each.checks} for each in (first, second))
     pairs = [(a.get(key), b.get(key)) for key in {**a, **b}]
-    told = (
-        "Margins and rates are in 1/s and cut towards zero. An en dash: the condition is not among the checks, or has"
-        " no such number."
-    )
+    told = "Margins and rates are in 1/s and cut towards zero. An en dash: the condition is not among the checks, or"
+    told += " has no such number."
     hidden = len(pairs) - MOST_ROWS
     columns = (
         doc.Column("condition", width=2.2),

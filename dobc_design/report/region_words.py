@@ -54,11 +54,9 @@ def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Pi
         return
     asked, rest = asked_sentence(regions), rest_sentence(regions)
     size = problem.n * problem.m
-    norms = (
-        "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds the"
-        f" ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, where all {size} components may be off"
-        " at once."
-    )
+    norms = "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds"
+    norms += f" the ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, where all {size} components may"
+    norms += " be off at once."
     timing = doc.List(timing_sentences(regions))
     told = (doc.Section("Time, late messages and sampling", (timing,)),)
     blocks = (
@@ -165,10 +163,8 @@ def timing_sentences(regions: Regions) -> list[str]:
 
 def _delay(check: Check) -> str:
     late = _exact(check, "delay")
-    text = (
-        "Information may be late by any bounded time: from every start in the max-separable box the agents still reach"
-        " the target."
-    )
+    text = "Information may be late by any bounded time: from every start in the max-separable box the agents still"
+    text += " reach the target."
     if late and check.rate:
         text += f" Late by up to {lower(late)} s, the error still decays at every rate below {lower(check.rate)} 1/s."
     return text

@@ -45,21 +45,12 @@ def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> St
     if isinstance(domain, dict) and "radius" in domain:
         rest = f" and |eps_i| <= {domain['disturbance']:g}" if domain.get("disturbance") else ""
         where = f", from every start with |e|_inf <= {domain['radius']:g}{rest}"
-    verdict, text = (
-        Verdict.PROVED,
-        (
-            f"the certificate's check `sampling` covers this period: couplings and pinning may be held for"
-            f" {float(longest):.4g} s{where} (observer and estimate: those of (13), in continuous time)."
-        ),
-    )
+    verdict, limit = Verdict.PROVED, f"{float(longest):.4g} s{where}"
+    text = "the certificate's check `sampling` covers this period: couplings and pinning may be held for"
+    text += f" {limit} (observer and estimate: those of (13), in continuous time)."
     if period > longest:
-        verdict, text = (
-            Verdict.UNDECIDED,
-            (
-                f"the certificate's check `sampling` proves periods up to {float(longest):.4g} s{where};"
-                f" {float(period):.4g} s is longer."
-            ),
-        )
+        verdict, text = Verdict.UNDECIDED, f"the certificate's check `sampling` proves periods up to {limit};"
+        text += f" {float(period):.4g} s is longer."
     return Statement(kind="certified-sampling", verdict=verdict, text=text, exact={"period": number_text(longest)})
 
 
@@ -100,22 +91,14 @@ def sampled_network_statement(problem: Problem, period: Fraction) -> Statement:
     found = {mode.name: _mode_verdict(problem, mode, period) for mode in modes}
     bad, unknown = ([n for n, each in found.items() if each is v] for v in (Verdict.REFUTED, Verdict.UNDECIDED))
     if bad:
-        return answer(
-            Verdict.REFUTED,
-            f'held over {float(period):.4g} s, couplings and pinning drive the agents apart in mode "{bad[0]}": an'
-            " eigenvalue of I + T (J - K) lies outside the unit disk.",
-        )
+        text = f'held over {float(period):.4g} s, couplings and pinning drive the agents apart in mode "{bad[0]}": an'
+        return answer(Verdict.REFUTED, f"{text} eigenvalue of I + T (J - K) lies outside the unit disk.")
     if unknown:
-        return answer(
-            Verdict.UNDECIDED,
-            f'in mode "{unknown[0]}" it stays open whether the sampled network converges at the consensus: an agent'
-            f" that nothing reaches keeps its error, a slope is not rational, or there are more than {MOST_ROWS} rows.",
-        )
-    return answer(
-        Verdict.PROVED,
-        "in every mode the sampled network converges near the consensus: all eigenvalues of I + T (J - K) lie inside"
-        f" the unit disk (period {float(period):.4g} s).",
-    )
+        text = f'in mode "{unknown[0]}" it stays open whether the sampled network converges at the consensus: an agent'
+        text += " that nothing reaches keeps its error, a slope is not rational, or there are more than"
+        return answer(Verdict.UNDECIDED, f"{text} {MOST_ROWS} rows.")
+    text = "in every mode the sampled network converges near the consensus: all eigenvalues of I + T (J - K) lie inside"
+    return answer(Verdict.PROVED, f"{text} the unit disk (period {float(period):.4g} s).")
 
 
 def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fraction | None:

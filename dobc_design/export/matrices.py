@@ -218,11 +218,8 @@ def normalisation(pair: tuple[Matrix, Matrix] | None) -> Normalisation:
 def _above(value: float) -> Fraction:
     """A power of ten or twice or five times one, not below ``value``."""
     exponent = math.floor(math.log10(max(value, 1.0)))
-    return next(
-        bound
-        for factor in (1, 2, 5, 10, 20)
-        if (bound := factor * Fraction(10) ** exponent) >= Fraction(max(value, 1.0))
-    )
+    bounds = (factor * Fraction(10) ** exponent for factor in (1, 2, 5, 10, 20))
+    return next(bound for bound in bounds if bound >= Fraction(max(value, 1.0)))
 
 
 Entries = dict[tuple[int, int, int], Fraction]  # number of F, row, column (upper triangle)

@@ -24,10 +24,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact import interval as exponential
 from dobc_design.exact import polynomial as roots
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.interval import (
-    Interval,
-    exp,
-)
+from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import (
     Matrix,
     add,

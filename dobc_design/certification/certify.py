@@ -126,7 +126,7 @@ def _certificate(
         gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
         P=P,
         Q=None if pair is None else pair.Q,
-        notes=(*notes_of(problem, found.designs, found.how), *time_note()),
+        notes=tuple(notes_of(problem, found.designs, found.how)),
         version=__version__,
         options=tuple(options),
     )
@@ -322,12 +322,8 @@ class _Run:
         pair, how = (None, "") if blocked or late is not None else self.find_pair(exosystem, known)
         proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
         checks.append(check(name, pair=pair, proposal=proposal, obstacle=obstacle))
-        if (
-            pair is None
-            and (not blocked or large)
-            and checks[-1].verdict is Verdict.UNDECIDED
-            and (why := late or out_of_time()) is not None
-        ):
+        why = late or (None if blocked else out_of_time())
+        if pair is None and why is not None and checks[-1].verdict is Verdict.UNDECIDED:
             checks[-1] = replace(checks[-1], reason=why)
         return checks, pair, how
 
@@ -386,12 +382,6 @@ def _proposed_pairs(
             yield block_diagonal([P for P, _, _ in known]), block_diagonal([Q for _, Q, _ in known]), " ".join(words)
 
 
-def time_note() -> Iterator[str]:
-    """That the time limit was over before the end."""
-    if (why := out_of_time()) is not None:
-        yield f"What was not decided in time was {why} On another machine, or with more time, more may be proved."
-
-
 def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -> Iterator[str]:
     """What was given, assumed and designed, in sentences; ``how`` the pair came about, if not the usual way."""
     yield from problem.notes
@@ -419,3 +409,5 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     ):
         if applies:
             yield note
+    if (why := out_of_time()) is not None:
+        yield f"What was not decided in time was {why} On another machine, or with more time, more may be proved."

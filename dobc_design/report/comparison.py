@@ -102,10 +102,6 @@ def _holds_for(certificate: Certificate) -> str:
     return ABSENT if domain is None else words.domain_words(domain)
 
 
-def _carrier(certificate: Certificate) -> str:
-    return next((each.kind.name for each in certificate.checks if each.id == certificate.covered_by), ABSENT)
-
-
 def _proved(certificate: Certificate) -> str:
     return f"{sum(check.verdict is Verdict.PROVED for check in certificate.checks)} of {len(certificate.checks)}"
 
@@ -114,7 +110,7 @@ FACTS: tuple[tuple[str, Callable[[Certificate], str]], ...] = (
     ("verdict", lambda each: each.verdict.value),
     ("holds for", _holds_for),
     ("certified rate in 1/s", lambda each: lower(each.rate)),
-    ("carried by", _carrier),
+    ("carried by", lambda each: next((x.kind.name for x in each.checks if x.id == each.covered_by), ABSENT)),
     ("agents", lambda each: str(each.problem.n)),
     ("modes", lambda each: str(len(each.problem.network.modes))),
     ("pinned agents", lambda each: str(len(each.problem.pinning.agents))),

@@ -33,7 +33,7 @@ from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, mak
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
 from dobc_design.simulation.switches import Switches, groups_of, mode_index, motion_switches, scheduled_switches
-from dobc_design.simulation.trajectory import UnfitError, describing, read_arrays
+from dobc_design.simulation.trajectory import UnfitError, describing, read_arrays, require
 
 EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchange is given
 KINDS = ("vanish", "freeze")
@@ -293,10 +293,9 @@ def _read(path: Path, n: int, sizes: Mapping[str, tuple[int, str]]) -> Mapping[s
     def fits(shapes: Mapping[str, tuple[int, ...]]) -> None:
         for name, shape in shapes.items():
             width, what = sizes[name]
-            if (shape[-2:] != (n, width) or len(shape) > 3) and shape not in ((n,) * (width == 1), (width,)):
-                raise UnfitError(f"{name} must have {n} rows of {width}, one number per {what}; got shape {shape}")
-        if not shapes:
-            raise UnfitError(f"it has none of the arrays {', '.join(PARTS)}")
+            known = (shape[-2:] == (n, width) and len(shape) <= 3) or shape in ((n,) * (width == 1), (width,))
+            require(known, f"{name} must have {n} rows of {width}, one number per {what}; got shape {shape}")
+        require(shapes, f"it has none of the arrays {', '.join(PARTS)}")
 
     cure = "Give a CSV file with one row of numbers per agent, or an .npz file with x, xi and xihat."
     with describing(path, key="start", what="start", cure=cure):
@@ -305,9 +304,8 @@ def _read(path: Path, n: int, sizes: Mapping[str, tuple[int, str]]) -> Mapping[s
             return {part: array[-1] if array.ndim == 3 else array for part, array in found.items()}
         rows = csv.reader(io.StringIO(read_bytes(path, what="start").decode("utf-8-sig"), newline=""), strict=True)
         cells = [(rows.line_num, row) for row in rows if row]
-        wrong = next(((line, cell) for line, row in cells for cell in row if not NUMBER.fullmatch(cell)), None)
-        if wrong is not None:
-            raise UnfitError(f"line {wrong[0]}: {shown(wrong[1])} is no number")
+        for line, cell in ((line, cell) for line, row in cells for cell in row if not NUMBER.fullmatch(cell)):
+            raise UnfitError(f"line {line}: {shown(cell)} is no number")
         return {"x": [list(map(float, row)) for _, row in cells]}
 
 

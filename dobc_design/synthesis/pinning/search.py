@@ -178,7 +178,7 @@ def _designed(
     vectors = proposer.relax(agents, float(request.rate))[1]
     bound = decide.bound_from(ground, vectors, agents, request.rate)
     least = bound.value if choice is None else claimed(shorten(choice.bound))
-    cost, rate, named = cost_of(request, gains), number_text(request.rate), {labels[i]: k for i, k in gains.items()}
+    rate, named = number_text(request.rate), {labels[i]: k for i, k in gains.items()}
     text = f"Lambda < -2 ({rate}) I in every mode, for the gains as they are written."
     statements = [proved("rate", text, rate=rate)]
     if structure.exact:
@@ -186,22 +186,33 @@ def _designed(
         text = f"Structural minimum: {counted(structure.least, 'pin')}, one for each group that listens to nobody"
         text += f" outside ({len(structure.groups)} over all modes); {example} would do for that."
         statements.append(proved("structure", text, least=str(structure.least)))
+    design = _with_gains(request, structure, gains, changed_problem(ground.problem, {"pinning.gains": named}))
+    return replace(
+        design,
+        lower_bound=least,
+        bound=bound,
+        bound_for=tuple(labels[i] for i in agents),
+        statements=(*statements, *more),
+        prices=tuple(prices_in_words(ground.problem, request, bound, set(agents))),
+        ties=() if choice is None else _ties(ground, proposer, tuple(gains), choice),
+        reason=f"{design.reason}, and nothing that does costs less than {shorten(least, digits=6):.6g}.",
+    )
+
+
+def _with_gains(
+    request: PinningRequest, structure: Structure, gains: Gains, held: Problem, over: str = ""
+) -> PinningDesign:
+    named, cost = {held.network.labels[i]: k for i, k in gains.items()}, cost_of(request, gains)
     return PinningDesign(
         verdict=Verdict.PROVED,
         request=request,
         gains=named,
         rate=request.rate,
         cost=cost,
-        lower_bound=least,
-        bound=bound,
-        bound_for=tuple(labels[i] for i in agents),
         structural_minimum=structure.least if structure.exact else None,
-        statements=(*statements, *more),
-        prices=tuple(prices_in_words(ground.problem, request, bound, set(agents))),
-        ties=() if choice is None else _ties(ground, proposer, tuple(gains), choice),
-        problem=changed_problem(ground.problem, {"pinning.gains": named}),
-        reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)} at the cost"
-        f" {float(cost):.6g}, and nothing that does costs less than {shorten(least, digits=6):.6g}.",
+        problem=held,
+        reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)}{over} at the cost"
+        f" {float(cost):.6g}",
     )
 
 
@@ -509,24 +520,11 @@ def _covered(
     if wrong or not reaches or separable.composite_rate(claim) < request.rate:
         obstacle = undecided("observer", f"the observer's part is not proved{wrong or '.'}")
         return without_gains(request, structure, obstacle, radius=asked.radius)
-    labels, cost = held.network.labels, cost_of(request, gains)
-    named = {labels[i]: k for i, k in gains.items()}
     part = " plus the observer's part" if asked.error is not None else ""
     still = ", with eps = 0" if asked.error is None else ""
     rate, radius = number_text(request.rate), number_text(asked.radius)
     text = f"max_i |e_i|/v_i (v from 1 to {float(max(claim.v)):.4g}){part} decays from every start {asked}{still}, at"
     text += f" the rate {rate}, for the gains as they are written."
-    return PinningDesign(
-        verdict=Verdict.PROVED,
-        request=request,
-        gains=named,
-        rate=request.rate,
-        cost=cost,
-        structural_minimum=structure.least if structure.exact else None,
-        statements=(proved("region", text, rate=rate, radius=radius),),
-        problem=held,
-        certificate=claim,
-        radius=asked.radius,
-        reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)} over {asked} at the"
-        f" cost {float(cost):.6g}.",
-    )
+    design, region = _with_gains(request, structure, gains, held, f" over {asked}"), {"rate": rate, "radius": radius}
+    found = replace(design, statements=(proved("region", text, **region),), certificate=claim, radius=asked.radius)
+    return replace(found, reason=f"{design.reason}.")

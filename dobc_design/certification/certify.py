@@ -10,7 +10,6 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import partial
 from itertools import zip_longest
 from os import PathLike
@@ -91,47 +90,39 @@ def certify(
     options += [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
     options += [] if seconds is None else [f"--time-limit {number_text(seconds)}"]
     with until(None if seconds is None else float(seconds)):
-        return _certificate(problem, tolerance, options, everything=everything, report=report)
-
-
-def _certificate(
-    problem: Problem, tolerance: Fraction | None, options: Sequence[str], *, everything: bool, report: Progress
-) -> Certificate:
-    found = decide(problem, report)
-    P = None if found.pair is None else found.pair.P
-    findings = Findings(statements=found.statements, directions=found.directions, P=P)
-
-    def quietly(cured: Problem) -> tuple[Check, ...]:
-        return decide(cured, lambda stage: None).checks
-
-    checks = found.checks
-    if out_of_time() is None:
-        checks = with_cures(problem, checks, findings, progress=report, decide=quietly)
-    W, pair, domain = found.W, found.pair, found.statements.domain
-    checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
-    if tolerance is not None or (everything and problem.region is not None):
-        checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
-    checks += tuple(other_equilibria(problem, W, checks, report=report))
-    checks = tuple(map(writable, checks))
-    overall = decide_overall(problem, checks, W)
-    claims = Claims(
-        problem_name=problem.name,
-        problem_sha256=problem_sha256(problem),
-        verdict=overall.verdict,
-        reason=overall.reason,
-        rate=overall.rate,
-        covered_by=overall.covered_by,
-        checks=checks,
-        W=W,
-        gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
-        P=P,
-        Q=None if pair is None else pair.Q,
-        notes=tuple(notes_of(problem, found.designs, found.how)),
-        version=__version__,
-        options=tuple(options),
-    )
-    report("asking the second program")
-    return Certificate(problem=problem, claims=agreed(claims, problem))
+        found = decide(problem, report)
+        P = None if found.pair is None else found.pair.P
+        findings = Findings(statements=found.statements, directions=found.directions, P=P)
+        checks = found.checks
+        if out_of_time() is None:
+            checks = with_cures(
+                problem, checks, findings, progress=report, decide=lambda x: decide(x, lambda stage: None).checks
+            )
+        W, pair, domain = found.W, found.pair, found.statements.domain
+        checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
+        if tolerance is not None or (everything and problem.region is not None):
+            checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
+        checks += tuple(other_equilibria(problem, W, checks, report=report))
+        checks = tuple(map(writable, checks))
+        overall = decide_overall(problem, checks, W)
+        claims = Claims(
+            problem_name=problem.name,
+            problem_sha256=problem_sha256(problem),
+            verdict=overall.verdict,
+            reason=overall.reason,
+            rate=overall.rate,
+            covered_by=overall.covered_by,
+            checks=checks,
+            W=W,
+            gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
+            P=P,
+            Q=None if pair is None else pair.Q,
+            notes=tuple(notes_of(problem, found.designs, found.how)),
+            version=__version__,
+            options=tuple(options),
+        )
+        report("asking the second program")
+        return Certificate(problem=problem, claims=agreed(claims, problem))
 
 
 def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | PathLike[str]) -> Recheck:

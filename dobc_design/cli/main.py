@@ -114,8 +114,7 @@ def problems(as_json: output.Json = False) -> None:
         output.print_json({"problems": rows})
         return
     width = max(len(row["name"]) for row in rows)
-    for row in rows:
-        output.say(f"{row['name']:<{width}}  {row['summary']}")
+    output.say("\n".join(f"{row['name']:<{width}}  {row['summary']}" for row in rows))
 
 
 app.command(cls=_Command)(new.new)
@@ -239,11 +238,8 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
         command = "dobc" if context is None else context.command_path
         return failed("usage", error.format_message(), f"See `{command} --help`.", output.MISTAKE)
     except DobcError as error:
-        return output.fail(
-            output.error_bodies(error),
-            output.MISTAKE if isinstance(error, SpecError) else output.MACHINE,
-            as_json=as_json,
-        )
+        status = output.MISTAKE if isinstance(error, SpecError) else output.MACHINE
+        return output.fail(output.error_bodies(error), status, as_json=as_json)
     except KeyboardInterrupt:
         return failed("interrupted", SENTENCE, None, output.INTERRUPTED)
     except SystemExit as error:  # help, too, goes to standard output

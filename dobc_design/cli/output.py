@@ -218,10 +218,8 @@ def verdict_text(verdict: str) -> Text:
 
 def certify_it(path: str, notes: Sequence[str]) -> str:
     """What to do with a problem that was written to ``path``."""
-    text = f"{path}\ncertify it   {shlex.join(['dobc', 'certify', path])}"
-    return text + (
-        "\nlook at      its notes: they are kept as they were and may speak of what has changed" if notes else ""
-    )
+    more = "\nlook at      its notes: they are kept as they were and may speak of what has changed" if notes else ""
+    return f"{path}\ncertify it   {shlex.join(['dobc', 'certify', path])}{more}"
 
 
 def make_table(heads: Iterable[str] = (), rows: Iterable[Sequence[str]] = ()) -> Table:

@@ -309,12 +309,8 @@ def _numbers(problem: Problem, gain: arrays.Gain | None) -> str:
     n, m, q = problem.n, problem.m, problem.q
     K = arrays.pinning_matrix(problem).tocoo()
     lines = [f"\n\nN, M, Q = {n}, {m}, {q}", f"LABELS = {list(problem.network.labels)!r}"]
-    for name, array in (
-        ("A", A),
-        ("C", C),
-        ("W", arrays.required_gain(problem, gain)),
-        ("GOALS", arrays.goals(problem)),
-    ):
+    named = {"A": A, "C": C, "W": arrays.required_gain(problem, gain), "GOALS": arrays.goals(problem)}
+    for name, array in named.items():
         lines.append(f"{name} = np.array({array.tolist()!r}, dtype=float).reshape{array.shape}")
     lines.append(f"K = np.zeros(({n}, {m}, {m}))  # 1/s, one matrix per agent")
     entries = zip(K.row.tolist(), K.col.tolist(), K.data.tolist(), strict=True)

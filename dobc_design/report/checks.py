@@ -140,9 +140,8 @@ def _reason(check: Check, own_cure: bool) -> doc.Reason:
 
 
 def _brief_reason(check: Check) -> str:
-    return " ".join(
-        [words.capitalize_first(words.shortened(check.reason)), *(f"{key}: {value}." for key, value in _exact(check))]
-    )
+    reason = words.capitalize_first(words.shortened(check.reason))
+    return " ".join([reason, *(f"{key}: {value}." for key, value in _exact(check))])
 
 
 def _exact(check: Check) -> Iterator[tuple[str, str]]:

@@ -225,8 +225,13 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     sizes = {"x": (m, "component"), "xi": (q, "exosystem state"), "xihat": (q, "exosystem state")}
     parts = {name: value for name, value in _parts(given, n, sizes).items() if value is not None}
     rows = {name: _rows(value, f"start.{name}", n, *sizes[name]) for name, value in parts.items()}
-    for name in [name for name in ("xi", "xihat") if name in rows]:
-        _refuse_foreign(loop, name, rows[name])
+    others = np.zeros((n, q), dtype=bool) if loop.own is None else ~loop.own  # states that an agent does not have
+    for name in sorted(rows.keys() - {"x"}):
+        foreign = (rows[name] * others).any(axis=1)
+        if foreign.any():
+            message = f"must be 0 in the states that belong to other groups; row {int(foreign.argmax())} is not."
+            cure = "Each row holds the states of all groups, in the order of problem.groups."
+            raise wrong(f"start.{name}", message, cure)
     x, xi, xihat, radius = rows.get("x"), rows.get("xi"), rows.get("xihat", np.zeros((n, q))), 0.0
     if x is None and x0 is not None:
         x = np.array(np.broadcast_to(to_float(x0), (n, m)))
@@ -250,14 +255,6 @@ def _placed(rows: Sequence[Vector], loop: Loop) -> Array:
     for agent in range(loop.n):
         xi[agent, loop.own[agent]] = to_float((rows[agent if len(rows) > 1 else 0],))[0]
     return xi
-
-
-def _refuse_foreign(loop: Loop, name: str, rows: Array) -> None:
-    """No agent may start in a state of another group's exosystem, which it does not have."""
-    if loop.own is not None and rows[~loop.own].any():
-        agent = int(np.flatnonzero((rows * ~loop.own).any(axis=1))[0])
-        cure = "Each row holds the states of all groups, in the order of problem.groups."
-        raise wrong(f"start.{name}", f"must be 0 in the states that belong to other groups; row {agent} is not.", cure)
 
 
 def _parts(given: Given | None, n: int, sizes: Mapping[str, tuple[int, str]]) -> Mapping[str, Any]:

@@ -152,9 +152,8 @@ class Heard:
         self.block = BLOCK if runs.nearby is None else 1
         if runs.nearby is None:
             used = np.unique(np.concatenate([each.modes for each in runs.switches])).tolist()
-            self.modes: IndexArray = np.array(
-                [each.at(instants) for each in runs.switches], dtype=np.min_scalar_type(used[-1])
-            )
+            kind = np.min_scalar_type(used[-1])
+            self.modes: IndexArray = np.array([each.at(instants) for each in runs.switches], dtype=kind)
             self.learn({mode: Links(runs.groups(mode), loop.n, loop.m) for mode in used})
         else:
             self.modes, self.links = np.zeros((1, len(instants)), dtype=np.int64), dict[int, Links]()

@@ -68,11 +68,8 @@ def animation_gif(run: Run, *, arcs: Arcs | None = None) -> bytes:
     try:
         from PIL import Image
     except ImportError:
-        raise SpecError(
-            "a GIF needs the package Pillow, which is not installed.",
-            key="path",
-            cure="Install it (pip install pillow), or save as .html.",
-        ) from None
+        cure = "Install it (pip install pillow), or save as .html."
+        raise SpecError("a GIF needs the package Pillow, which is not installed.", key="path", cure=cure) from None
     links, places, goals = _links(run, arcs), _in_plane(run.x), _in_plane(run.goal)
     chosen = thinned_rows(len(run.times), MOST_GIF_FRAMES)
     modes = run.switches.at(run.times[chosen])

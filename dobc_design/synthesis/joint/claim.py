@@ -226,11 +226,9 @@ class TradeOff(Shown):
         try:
             import pandas as pd
         except ImportError:
-            raise SpecError(
-                "to_pandas needs the package pandas, which is not installed.",
-                key="pandas",
-                cure="Install it (pip install dobc_design[store]), or use the points themselves.",
-            ) from None
+            message = "to_pandas needs the package pandas, which is not installed."
+            cure = "Install it (pip install dobc_design[store]), or use the points themselves."
+            raise SpecError(message, key="pandas", cure=cure) from None
         rows = [(p.x, p.y, ", ".join(p.pinned), p.proved, p is self.chosen) for p in self._all()]
         return pd.DataFrame(rows, columns=[self.x_name, self.y_name, "pinned", "proved", "chosen"])
 

@@ -67,10 +67,8 @@ class ModeMargin:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservabilityResult:
     """Rank and singular values of the observability matrix, and the Popov-Belevitch-Hautus margin of each mode.
-
-    ``rank`` is numerical (python-control's matrix, NumPy's default tolerance), None if the matrix overflows;
-    ``order`` is q.
-    """
+    ``rank`` is numerical (python-control's matrix, NumPy's default tolerance), None if the matrix overflows; ``order``
+    is q."""
 
     order: int
     rank: int | None
@@ -110,13 +108,11 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GraphFacts:
-    """Facts of one mode, agents by label in the order of the network.
-
-    ``unreached``: agents that no pinned agent reaches.  ``components``: the strongly connected components,
-    ordered by their first agent.  ``sources``: those of them that hear nobody outside; unless each has a pinned
-    agent, somebody is unreached.  ``balanced``: every agent hears as much weight as it sends, exactly.
-    ``heard`` and ``hearing`` count, per agent, whom it hears and who hears it.
-    """
+    """Facts of one mode, agents by label in the order of the network.  ``unreached``: agents that no pinned agent
+    reaches.  ``components``: the strongly connected components, ordered by their first agent.  ``sources``: those of
+    them that hear nobody outside; unless each has a pinned agent, somebody is unreached.  ``balanced``: every agent
+    hears as much weight as it sends, exactly. ``heard`` and ``hearing`` count, per agent, whom it hears and who hears
+    it."""
 
     mode: str
     arcs: int

@@ -10,7 +10,6 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import partial
 from itertools import zip_longest
 from os import PathLike
@@ -91,47 +90,39 @@ def certify(
     options += [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
     options += [] if seconds is None else [f"--time-limit {number_text(seconds)}"]
     with until(None if seconds is None else float(seconds)):
-        return _certificate(problem, tolerance, options, everything=everything, report=report)
-
-
-def _certificate(
-    problem: Problem, tolerance: Fraction | None, options: Sequence[str], *, everything: bool, report: Progress
-) -> Certificate:
-    found = decide(problem, report)
-    P = None if found.pair is None else found.pair.P
-    findings = Findings(statements=found.statements, directions=found.directions, P=P)
-
-    def quietly(cured: Problem) -> tuple[Check, ...]:
-        return decide(cured, lambda stage: None).checks
-
-    checks = found.checks
-    if out_of_time() is None:
-        checks = with_cures(problem, checks, findings, progress=report, decide=quietly)
-    W, pair, domain = found.W, found.pair, found.statements.domain
-    checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
-    if tolerance is not None or (everything and problem.region is not None):
-        checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
-    checks += tuple(other_equilibria(problem, W, checks, report=report))
-    checks = tuple(map(writable, checks))
-    overall = decide_overall(problem, checks, W)
-    claims = Claims(
-        problem_name=problem.name,
-        problem_sha256=problem_sha256(problem),
-        verdict=overall.verdict,
-        reason=overall.reason,
-        rate=overall.rate,
-        covered_by=overall.covered_by,
-        checks=checks,
-        W=W,
-        gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
-        P=P,
-        Q=None if pair is None else pair.Q,
-        notes=(*notes_of(problem, found.designs, found.how), *time_note()),
-        version=__version__,
-        options=tuple(options),
-    )
-    report("asking the second program")
-    return Certificate(problem=problem, claims=agreed(claims, problem))
+        found = decide(problem, report)
+        P = None if found.pair is None else found.pair.P
+        findings = Findings(statements=found.statements, directions=found.directions, P=P)
+        checks = found.checks
+        if out_of_time() is None:
+            checks = with_cures(
+                problem, checks, findings, progress=report, decide=lambda x: decide(x, lambda stage: None).checks
+            )
+        W, pair, domain = found.W, found.pair, found.statements.domain
+        checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
+        if tolerance is not None or (everything and problem.region is not None):
+            checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
+        checks += tuple(other_equilibria(problem, W, checks, report=report))
+        checks = tuple(map(writable, checks))
+        overall = decide_overall(problem, checks, W)
+        claims = Claims(
+            problem_name=problem.name,
+            problem_sha256=problem_sha256(problem),
+            verdict=overall.verdict,
+            reason=overall.reason,
+            rate=overall.rate,
+            covered_by=overall.covered_by,
+            checks=checks,
+            W=W,
+            gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
+            P=P,
+            Q=None if pair is None else pair.Q,
+            notes=tuple(notes_of(problem, found.designs, found.how)),
+            version=__version__,
+            options=tuple(options),
+        )
+        report("asking the second program")
+        return Certificate(problem=problem, claims=agreed(claims, problem))
 
 
 def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | PathLike[str]) -> Recheck:
@@ -322,12 +313,8 @@ class _Run:
         pair, how = (None, "") if blocked or late is not None else self.find_pair(exosystem, known)
         proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
         checks.append(check(name, pair=pair, proposal=proposal, obstacle=obstacle))
-        if (
-            pair is None
-            and (not blocked or large)
-            and checks[-1].verdict is Verdict.UNDECIDED
-            and (why := late or out_of_time()) is not None
-        ):
+        why = late or (None if blocked else out_of_time())
+        if pair is None and why is not None and checks[-1].verdict is Verdict.UNDECIDED:
             checks[-1] = replace(checks[-1], reason=why)
         return checks, pair, how
 
@@ -386,12 +373,6 @@ def _proposed_pairs(
             yield block_diagonal([P for P, _, _ in known]), block_diagonal([Q for _, Q, _ in known]), " ".join(words)
 
 
-def time_note() -> Iterator[str]:
-    """That the time limit was over before the end."""
-    if (why := out_of_time()) is not None:
-        yield f"What was not decided in time was {why} On another machine, or with more time, more may be proved."
-
-
 def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -> Iterator[str]:
     """What was given, assumed and designed, in sentences; ``how`` the pair came about, if not the usual way."""
     yield from problem.notes
@@ -419,3 +400,5 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
     ):
         if applies:
             yield note
+    if (why := out_of_time()) is not None:
+        yield f"What was not decided in time was {why} On another machine, or with more time, more may be proved."

@@ -340,10 +340,8 @@ def _slower(
         if rate > 0 and (W := design_gain(exosystem, rate=rate).W) is not None:
             check = hurwitz_check(exosystem, W, estimate=float(rate) * (1 + 1e-9))
             if check.verdict is Verdict.PROVED and check.rate is not None:
-                text = (
-                    f"Ask for observer.rate = {_short(rate)}: a part of the exosystem that C does not see decays more"
-                    f" slowly than the {_short(asked)} asked for, whatever W is."
-                )
+                text = f"Ask for observer.rate = {_short(rate)}: a part of the exosystem that C does not see decays"
+                text += f" more slowly than the {_short(asked)} asked for, whatever W is."
                 return {"hurwitz": Fix(kind="rate", set={"observer.rate": typed_number(rate)}, text=text)}
     return {}
 

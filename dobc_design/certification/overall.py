@@ -53,17 +53,13 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
         own = group.observer.W if problem.is_grouped or group.observer.W == W else None
         if own is not None and not observable_part_is_hurwitz(group.exosystem, own):
             whose = f" of the group of agent {group.name}" if problem.is_grouped else ""
-            return (
-                f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the agents."
-                " Choose another W, or leave W out to have one designed."
-            )
+            told = f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the"
+            return told + " agents. Choose another W, or leave W out to have one designed."
     refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
     for check in refuting if region is None or _target_is_interior(problem) else ():
         if isinstance(check.claim, Unstable) and check.claim.roots:
-            return (
-                f"Consensus fails: in mode {check.mode} the linearisation at the target is unstable"
-                f" ({check.claim.roots} eigenvalue(s) with positive real part)."
-            )
+            text = f"Consensus fails: in mode {check.mode} the linearisation at the target is unstable"
+            return text + f" ({check.claim.roots} eigenvalue(s) with positive real part)."
     # Without a region the question is about every neighbourhood of the target, and this one is some way off.
     resting = [check.reason for check in refuting if check.id == "equilibrium" and region is not None]
     return resting[0] if resting else None
@@ -82,16 +78,12 @@ def _apart_reason(problem: Problem) -> str | None:
             pins = f"no pinned agent reaches {who}"
             if not problem.pinning.agents:
                 pins = f"no agent is pinned, so nobody holds {who}"
-            return (
-                f"Consensus fails: {pins}, in any mode. Moved away from the target together, they stay there."
-                f" {cure_in_words(problem, list(problem.network.modes.values()))}"
-            )
+            told = f"Consensus fails: {pins}, in any mode. Moved away from the target together, they stay there."
+            return told + f" {cure_in_words(problem, list(problem.network.modes.values()))}"
         direction = ", ".join(number_text(x) for x in c)
-        return (
-            f"Consensus fails: the gains of {name_agents(tuple(labels[i] for i in group))} leave the direction"
-            f" ({direction}) free, and they listen to nobody else. Moved along it together, they stay there."
-            " Give one of them a gain k with k c != 0 for that direction c."
-        )
+        text = f"Consensus fails: the gains of {name_agents(tuple(labels[i] for i in group))} leave the direction"
+        text += f" ({direction}) free, and they listen to nobody else. Moved along it together, they stay there."
+        return text + " Give one of them a gain k with k c != 0 for that direction c."
     return None
 
 
@@ -153,10 +145,8 @@ def _domain_in_words(check: Check) -> str:
 def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
     unmet = [check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED]
     if unmet and len(problem.network.modes) > 1:
-        return (
-            f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
-            " Consensus may still hold for signals that leave that mode often enough."
-        )
+        text = f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
+        return text + " Consensus may still hold for signals that leave that mode often enough."
     reached = None if problem.region is None else _reached(problem, checks)
     if reached is not None:
         return reached

@@ -51,12 +51,9 @@ HOW = "python -I -S dobc_design/checker certificate.json problem.json"
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Recheck(Shown):
-    """The outcome of checking a certificate.
-
-    ``verdict`` is what the certificate claims; it counts if it ``holds``: every claim holds and the verdict follows.
-    ``confirmed`` and ``failures`` list the checks by title, the failures with what is wrong.  ``lone_checker`` says
-    what the lone checker found.
-    """
+    """The outcome of checking a certificate.  ``verdict`` is what the certificate claims; it counts if it ``holds``:
+    every claim holds and the verdict follows. ``confirmed`` and ``failures`` list the checks by title, the failures
+    with what is wrong.  ``lone_checker`` says what the lone checker found."""
 
     verdict: Verdict
     confirmed: tuple[str, ...]
@@ -235,10 +232,8 @@ def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None
 
 def confirm(check: Check, trusted: Trusted) -> str | None:
     """None if everything the check claims is confirmed, else what is not.  Raises what a malformed claim raises.
-
-    Nothing is believed: matrices are rebuilt, witnesses multiplied out, margins and rates proved as they are written.
-    A proof may claim less than is true (a smaller margin or rate, "undecided"), never more.
-    """
+    Nothing is believed: matrices are rebuilt, witnesses multiplied out, margins and rates proved as they are written. A
+    proof may claim less than is true (a smaller margin or rate, "undecided"), never more."""
     problem, W, domain = trusted.problem, trusted.W, trusted.statements.domain
     expected = (check.id, check.mode, check.group) in expected_checks(problem)
     if not expected and (check.group is not None or check.kind.topic in ("observer", "consensus")):

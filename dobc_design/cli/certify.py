@@ -211,9 +211,7 @@ def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
 
 def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check], *, file: str | None) -> None:
     """The verdict, the checks with their reasons, and what would cure it.  Text of the user is shown as it is.
-
-    ``file``: what the problem was read from, for the command that writes the cured one.
-    """
+    ``file``: what the problem was read from, for the command that writes the cured one."""
     from rich.text import Text
 
     from dobc_design._show.text import significant_towards_zero
@@ -269,13 +267,7 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
     from rich.text import Text
 
     from dobc_design.conditions.schedule.checks import stage_timings
-    from dobc_design.report.region_words import (
-        asked_sentence,
-        limit_words,
-        method_name,
-        rest_sentence,
-        timing_sentences,
-    )
+    from dobc_design.report import region_words as told
     from dobc_design.report.words import capitalize_first
 
     regions, settling = certificate.regions, certificate.settling
@@ -285,12 +277,12 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
     if not regions.claims:
         yield Text("Nothing is said about starts: no condition applies.")
         return
-    yield Text(f"{asked_sentence(regions)}\n")
+    yield Text(f"{told.asked_sentence(regions)}\n")
     yield _regions_table(regions, wide=wide)
     for claim in () if wide else regions.claims:  # the last column stands below the table
-        yield Text(f"\n{method_name(claim)}", style="bold")
-        yield Padding(Text(limit_words(claim)), (0, 0, 0, 2))
-    sentences = [*filter(None, [rest_sentence(regions)]), *timing_sentences(regions)]
+        yield Text(f"\n{told.method_name(claim)}", style="bold")
+        yield Padding(Text(told.limit_words(claim)), (0, 0, 0, 2))
+    sentences = [*filter(None, [told.rest_sentence(regions)]), *told.timing_sentences(regions)]
     yield from (Text(f"\n{sentence}") for sentence in sentences)
     yield from output.settling_parts(settling, () if settling is None else stage_timings(certificate.problem, settling))
     yield from output.search_parts(searches)

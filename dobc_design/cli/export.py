@@ -119,8 +119,7 @@ def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
         "statements": [each.to_json() for each in found.statements],
     }
     test = f"compile and test it: cd {shlex.quote(str(folder))} && {COMPILE}"
-    lines = [str(found), *(f"wrote {path}" for path in written), test]
-    return document, "\n".join(lines)
+    return document, "\n".join([str(found), *(f"wrote {path}" for path in written), test])
 
 
 def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:

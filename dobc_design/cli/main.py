@@ -114,8 +114,7 @@ def problems(as_json: output.Json = False) -> None:
         output.print_json({"problems": rows})
         return
     width = max(len(row["name"]) for row in rows)
-    for row in rows:
-        output.say(f"{row['name']:<{width}}  {row['summary']}")
+    output.say("\n".join(f"{row['name']:<{width}}  {row['summary']}" for row in rows))
 
 
 app.command(cls=_Command)(new.new)
@@ -225,10 +224,8 @@ app.command(cls=_Command)(doctor.doctor)
 
 
 def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
-    """Run it and return the exit code, having said what went wrong.  Raises: NoOutput when that cannot be said.
-
-    No traceback reaches a user, and an uncaught exception is never 1, which means refuted.
-    """
+    """Run it and return the exit code, having said what went wrong.  Raises: NoOutput when that cannot be said.  No
+    traceback reaches a user, and an uncaught exception is never 1, which means refuted."""
     from typer.exceptions import TyperException
 
     def failed(kind: str, message: str, cure: str | None, code: int, key: str | None = None) -> int:
@@ -241,11 +238,8 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
         command = "dobc" if context is None else context.command_path
         return failed("usage", error.format_message(), f"See `{command} --help`.", output.MISTAKE)
     except DobcError as error:
-        return output.fail(
-            output.error_bodies(error),
-            output.MISTAKE if isinstance(error, SpecError) else output.MACHINE,
-            as_json=as_json,
-        )
+        status = output.MISTAKE if isinstance(error, SpecError) else output.MACHINE
+        return output.fail(output.error_bodies(error), status, as_json=as_json)
     except KeyboardInterrupt:
         return failed("interrupted", SENTENCE, None, output.INTERRUPTED)
     except SystemExit as error:  # help, too, goes to standard output

@@ -168,9 +168,7 @@ def show(parts: Iterable[RenderableType], *, wrapped: bool = False) -> None:
 
 class Progress:
     """Names the current stage on standard error: on a terminal as a line that changes, silent elsewhere.
-
-    ``Manner.VERBOSE``: every stage as a line of its own with the seconds so far, wherever standard error goes.
-    """
+    ``Manner.VERBOSE``: every stage as a line of its own with the seconds so far, wherever standard error goes."""
 
     def __init__(self, manner: Manner = Manner.NORMAL) -> None:
         self.manner = manner
@@ -220,10 +218,8 @@ def verdict_text(verdict: str) -> Text:
 
 def certify_it(path: str, notes: Sequence[str]) -> str:
     """What to do with a problem that was written to ``path``."""
-    text = f"{path}\ncertify it   {shlex.join(['dobc', 'certify', path])}"
-    return text + (
-        "\nlook at      its notes: they are kept as they were and may speak of what has changed" if notes else ""
-    )
+    more = "\nlook at      its notes: they are kept as they were and may speak of what has changed" if notes else ""
+    return f"{path}\ncertify it   {shlex.join(['dobc', 'certify', path])}{more}"
 
 
 def make_table(heads: Iterable[str] = (), rows: Iterable[Sequence[str]] = ()) -> Table:

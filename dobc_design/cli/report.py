@@ -95,10 +95,8 @@ def _check_options(
 
 
 def _read(path: Path, problem: str | None) -> Certificate:
-    """A certificate with its problem, by default problem.json beside it.
-
-    Raises: SpecError for a problem that is another one; CertificateError for what is no certificate.
-    """
+    """A certificate with its problem, by default problem.json beside it.  Raises: SpecError for a problem that is
+    another one; CertificateError for what is no certificate."""
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.certificate.text import read_claims
     from dobc_design.problem.canonical import problem_sha256

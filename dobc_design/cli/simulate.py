@@ -64,14 +64,8 @@ def simulate(
 
     output.refuse_option(out, key="--out")
     failures = tuple(_failure(text) for text in fail or ())
-    given: dict[str, Any] = {
-        "noise": noise,
-        "disturbance": disturbance,
-        "saturation": saturation,
-        "period": period,
-        "loss": loss,
-    }
-    stress = Stress(**given, failures=failures)
+    bounds: dict[str, Any] = {"saturation": saturation, "period": period}
+    stress = Stress(noise=noise, disturbance=disturbance, loss=loss, failures=failures, **bounds)
     single = runs in (None, 1)
     if breaking and (not stress.is_calm or not single or observer != "closed-form"):
         what = "--observer" if observer != "closed-form" else "--runs" if stress.is_calm else "a stress"
@@ -87,7 +81,7 @@ def simulate(
         if out is not None:
             output.require_free(output.require_folder(out), names, force=force, other=", or choose another folder")
         proof = None if certificate is None else _verified(certificate, problem, progress)
-        given = {"seed": seed, "t_final": t_final, "start": start}
+        given: dict[str, Any] = {"seed": seed, "t_final": t_final, "start": start}
         result: Any
         if breaking:
             progress("what breaks first")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -81,11 +82,9 @@ def sweep_command(
         result = sweep(file, axes, out=folder, progress=progress, **options, **how)
     tables = (folder / name for name in ("results.csv", "results.parquet"))
     files = [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
-    try:
+    with suppress(SpecError):  # nothing numeric was varied or found
         write_atomically(folder / "sweep.svg", result.plot().file("svg"))
         files.append(folder / "sweep.svg")
-    except SpecError:  # nothing numeric was varied or found
-        pass
     if as_json:
         output.print_json(_document(result, folder, files, resumed=resumed[0]))
     elif manner is not output.Manner.QUIET:

@@ -210,13 +210,11 @@ def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preview:
-    """Estimates for one problem: numbers in floating point, in a fraction of a second, and no proofs.
-
-    ``lambda_max``: the largest eigenvalue of Lambda over all modes in 1/s, None where h may have a kink.  ``reach``:
-    the largest box |e|_inf <= reach, up to the radius asked for, that seems to shrink at the rate asked for (the
-    network alone, without the observer); 0 if none does.  ``errors`` (agents, times): |x_i - goal_i|_inf at ``times``
-    in s.  ``note``: why something is missing.
-    """
+    """Estimates for one problem: numbers in floating point, in a fraction of a second, and no proofs.  ``lambda_max``:
+    the largest eigenvalue of Lambda over all modes in 1/s, None where h may have a kink.  ``reach``: the largest box
+    |e|_inf <= reach, up to the radius asked for, that seems to shrink at the rate asked for (the network alone, without
+    the observer); 0 if none does.  ``errors`` (agents, times): |x_i - goal_i|_inf at ``times`` in s.  ``note``: why
+    something is missing."""
 
     lambda_max: float | None = None
     reach: float = 0.0
@@ -234,11 +232,9 @@ def preview(
     same_gains: Preview | None = None,
     same_start: Preview | None = None,
 ) -> Preview:
-    """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s.
-
-    ``same_gains``: of this problem with another radius or rate, whose lambda_max is taken over; ``same_start``: with
-    another rate only, whose response is taken over too.
-    """
+    """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s.  ``same_gains``: of this
+    problem with another radius or rate, whose lambda_max is taken over; ``same_start``: with another rate only, whose
+    response is taken over too."""
     seen = _response(problem, radius, t_final) if same_start is None else same_start
     top = _lambda_max(problem) if same_gains is None else same_gains.lambda_max
     return replace(seen, lambda_max=top, reach=_reach(problem, radius, rate))

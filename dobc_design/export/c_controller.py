@@ -45,21 +45,12 @@ def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> St
     if isinstance(domain, dict) and "radius" in domain:
         rest = f" and |eps_i| <= {domain['disturbance']:g}" if domain.get("disturbance") else ""
         where = f", from every start with |e|_inf <= {domain['radius']:g}{rest}"
-    verdict, text = (
-        Verdict.PROVED,
-        (
-            f"the certificate's check `sampling` covers this period: couplings and pinning may be held for"
-            f" {float(longest):.4g} s{where} (observer and estimate: those of (13), in continuous time)."
-        ),
-    )
+    verdict, limit = Verdict.PROVED, f"{float(longest):.4g} s{where}"
+    text = "the certificate's check `sampling` covers this period: couplings and pinning may be held for"
+    text += f" {limit} (observer and estimate: those of (13), in continuous time)."
     if period > longest:
-        verdict, text = (
-            Verdict.UNDECIDED,
-            (
-                f"the certificate's check `sampling` proves periods up to {float(longest):.4g} s{where};"
-                f" {float(period):.4g} s is longer."
-            ),
-        )
+        verdict, text = Verdict.UNDECIDED, f"the certificate's check `sampling` proves periods up to {limit};"
+        text += f" {float(period):.4g} s is longer."
     return Statement(kind="certified-sampling", verdict=verdict, text=text, exact={"period": number_text(longest)})
 
 
@@ -71,10 +62,8 @@ _BISECTIONS = 10
 
 
 def sampled_observer_statement(Ad: Matrix, Cd: Matrix, L: Matrix, *, period: Fraction) -> Statement:
-    """State whether the error of the sampled observer, eps_(k+1) = (Ad - L Cd) eps_k, dies out: exact.
-
-    Shapes: Ad (q, q), Cd (m, q), L (q, m), the numbers as they stand in the code.  ``period`` in s, for the text.
-    """
+    """State whether the error of the sampled observer, eps_(k+1) = (Ad - L Cd) eps_k, dies out: exact.  Shapes: Ad (q,
+    q), Cd (m, q), L (q, m), the numbers as they stand in the code.  ``period`` in s, for the text."""
     verdict = _in_unit_disk(subtract(Ad, multiply(L, Cd)))
     words = {
         Verdict.PROVED: "with the numbers as written, every eigenvalue of the sampled observer is inside the unit disk",
@@ -86,11 +75,9 @@ def sampled_observer_statement(Ad: Matrix, Cd: Matrix, L: Matrix, *, period: Fra
 
 
 def sampled_network_statement(problem: Problem, period: Fraction) -> Statement:
-    """State whether e_(k+1) = (I + T (J - K)) e_k dies out in every mode: exact, at the consensus.
-
-    UNDECIDED for n m > 40 (200 where J - K is symmetric), for slopes that are not rational, and where an agent that
-    nothing pins keeps its error.
-    """
+    """State whether e_(k+1) = (I + T (J - K)) e_k dies out in every mode: exact, at the consensus.  UNDECIDED for n m >
+    40 (200 where J - K is symmetric), for slopes that are not rational, and where an agent that nothing pins keeps its
+    error."""
 
     def answer(verdict: Verdict, text: str) -> Statement:
         return Statement(kind="sampled-network", verdict=verdict, text=text, exact={"period": number_text(period)})
@@ -104,29 +91,19 @@ def sampled_network_statement(problem: Problem, period: Fraction) -> Statement:
     found = {mode.name: _mode_verdict(problem, mode, period) for mode in modes}
     bad, unknown = ([n for n, each in found.items() if each is v] for v in (Verdict.REFUTED, Verdict.UNDECIDED))
     if bad:
-        return answer(
-            Verdict.REFUTED,
-            f'held over {float(period):.4g} s, couplings and pinning drive the agents apart in mode "{bad[0]}": an'
-            " eigenvalue of I + T (J - K) lies outside the unit disk.",
-        )
+        text = f'held over {float(period):.4g} s, couplings and pinning drive the agents apart in mode "{bad[0]}": an'
+        return answer(Verdict.REFUTED, f"{text} eigenvalue of I + T (J - K) lies outside the unit disk.")
     if unknown:
-        return answer(
-            Verdict.UNDECIDED,
-            f'in mode "{unknown[0]}" it stays open whether the sampled network converges at the consensus: an agent'
-            f" that nothing reaches keeps its error, a slope is not rational, or there are more than {MOST_ROWS} rows.",
-        )
-    return answer(
-        Verdict.PROVED,
-        "in every mode the sampled network converges near the consensus: all eigenvalues of I + T (J - K) lie inside"
-        f" the unit disk (period {float(period):.4g} s).",
-    )
+        text = f'in mode "{unknown[0]}" it stays open whether the sampled network converges at the consensus: an agent'
+        text += " that nothing reaches keeps its error, a slope is not rational, or there are more than"
+        return answer(Verdict.UNDECIDED, f"{text} {MOST_ROWS} rows.")
+    text = "in every mode the sampled network converges near the consensus: all eigenvalues of I + T (J - K) lie inside"
+    return answer(Verdict.PROVED, f"{text} the unit disk (period {float(period):.4g} s).")
 
 
 def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fraction | None:
     """The longest period below ``asked`` that works, of those tried, three digits, rounded down; None if none does.
-
-    ``works`` need not be monotone: fractions of ``asked`` are tried from the top, then the gap above is halved.
-    """
+    ``works`` need not be monotone: fractions of ``asked`` are tried from the top, then the gap above is halved."""
     trials = [asked * k / _TRIED for k in range(_TRIED - 1, 0, -1)]
     trials += [asked / _TRIED / 2**k for k in range(1, _HALVINGS)]
     above = asked
@@ -209,12 +186,10 @@ class AgentNumbers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Controller:
-    """A sampled controller with the numbers of its code.
-
-    Shapes: Ad (q, q), Cd (m, q), L (q, m), rounded to ``precision``; () without an exosystem.  ``period`` in s.
-    ``statements``: what is decided about these numbers.  ``states``: where its exosystem's states stand in a
-    simulation, which holds those of all groups of agents side by side.
-    """
+    """A sampled controller with the numbers of its code.  Shapes: Ad (q, q), Cd (m, q), L (q, m), rounded to
+    ``precision``; () without an exosystem.  ``period`` in s. ``statements``: what is decided about these numbers.
+    ``states``: where its exosystem's states stand in a simulation, which holds those of all groups of agents side by
+    side."""
 
     problem: Problem
     period: Fraction
@@ -243,13 +218,11 @@ def make_controller(
     objection: Callable[[Controller], str] | None = None,
 ) -> Controller:
     """Discretise the observer of ``problem`` and collect the numbers of ``agents`` (labels; default all, at most 200).
-
-    Where agents have different exosystems, ``agents`` have to be of one group.
-    ``period`` in s; ``gain`` (q, m) takes the place of observer.W; ``sampled_gain`` (q, m) that of L.
-    ``objection``: asked about every controller that could be returned; "" accepts it.
-    Raises: SpecError for a wrong argument, and for a period at which the sampled loop is proved to diverge, or the
-    observer's error does not die out, or to which there is an objection; the message says which period works.
-    """
+    Where agents have different exosystems, ``agents`` have to be of one group. ``period`` in s; ``gain`` (q, m) takes
+    the place of observer.W; ``sampled_gain`` (q, m) that of L. ``objection``: asked about every controller that could
+    be returned; "" accepts it. Raises: SpecError for a wrong argument, and for a period at which the sampled loop is
+    proved to diverge, or the observer's error does not die out, or to which there is an objection; the message says
+    which period works."""
     if precision not in PRECISIONS:
         cure = "double is the default."
         raise SpecError(f"precision must be double or float; got {shown(precision)}.", key="--precision", cure=cure)

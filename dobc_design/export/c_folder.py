@@ -36,11 +36,9 @@ MOST_SAMPLES = 400
 
 
 class Recorder:
-    """Simulates the sampled loop of a controller over 10 s (at most 400 samples), and remembers the last one.
-
-    ``gain`` and ``sampled_gain`` as in ``make_controller``.  A ``signal`` that depends on the states is left out: the
-    first mode then holds.
-    """
+    """Simulates the sampled loop of a controller over 10 s (at most 400 samples), and remembers the last one.  ``gain``
+    and ``sampled_gain`` as in ``make_controller``.  A ``signal`` that depends on the states is left out: the first mode
+    then holds."""
 
     def __init__(
         self, *, gain: Gain | None = None, sampled_gain: Gain | None = None, signal: Signal | None = None
@@ -60,8 +58,7 @@ class Recorder:
         """The sampled loop at the controller's period."""
         if self.last is None or self.last[0] != controller.period:
             period = float(controller.period)
-            count = min(MOST_SAMPLES, int(SECONDS / period)) + 1
-            times = [k * period for k in range(max(2, count))]
+            times = [k * period for k in range(max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1))]
             setting = make_setting(
                 controller.problem,
                 mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
@@ -75,10 +72,8 @@ class Recorder:
         return self.last[1]
 
     def recorded(self, controller: Controller) -> Recorded:
-        """What one agent measures, hears and does: the first of the table that is pinned, else the first.
-
-        Raises: SpecError when the simulated loop diverges.
-        """
+        """What one agent measures, hears and does: the first of the table that is pinned, else the first.  Raises:
+        SpecError when the simulated loop diverges."""
         why = self.objection(controller)
         if why:
             raise SpecError(f"there are no test vectors: {why}", key="--period", cure="Take a shorter period.")
@@ -145,9 +140,7 @@ COMPILE = "gcc -std=c99 -O2 -Wall -Wextra -Werror -pedantic dobc_agent.c main.c 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class CCode(Shown):
     """C99 of a sampled controller: the files by name, the numbers in them, and what is decided about them.
-
-    ``tolerance``: how far u, v and dhat may be from the double-precision loop along the test vectors.
-    """
+    ``tolerance``: how far u, v and dhat may be from the double-precision loop along the test vectors."""
 
     files: Mapping[str, bytes]
     controller: Controller
@@ -249,10 +242,8 @@ def _config(place: int, agent: AgentNumbers, precision: str) -> str:
     arcs = ", ".join(f"arcs_{place}_{mode}" if hearings else "0" for mode, hearings in enumerate(agent.modes))
     gain = ", ".join(row(each, precision) for each in agent.gain)
     neighbours = f"neighbours_{place}" if agent.neighbours else "0"
-    return (
-        f"    {{{string(agent.label)}, {row(agent.goal, precision)}, {{{gain}}}, {len(agent.neighbours)},"
-        f" {neighbours}, {{{counts}}}, {{{arcs}}}}}"
-    )
+    text = f"    {{{string(agent.label)}, {row(agent.goal, precision)}, {{{gain}}}, {len(agent.neighbours)},"
+    return text + f" {neighbours}, {{{counts}}}, {{{arcs}}}}}"
 
 
 def c_code(controller: Controller, recorded: Recorded, *, certified: Statement | None = None) -> CCode:

@@ -40,12 +40,10 @@ def rounded(value: Fraction, precision: str) -> Fraction:
         with np.errstate(over="ignore"):
             number = Fraction(float(near if precision == "double" else np.float32(near)))
     except OverflowError:
-        raise SpecError(
-            f"every number of the code must fit into a {precision}; one of the problem's does not"
-            f" (about 10^{len(str(abs(value.numerator))) - len(str(value.denominator))}).",
-            key="export",
-            cure="Use other units." if precision == "double" else "Use --precision double.",
-        ) from None
+        about = len(str(abs(value.numerator))) - len(str(value.denominator))
+        message = f"every number of the code must fit into a {precision}; one of the problem's does not"
+        cure = "Use other units." if precision == "double" else "Use --precision double."
+        raise SpecError(f"{message} (about 10^{about}).", key="export", cure=cure) from None
     return number
 
 

@@ -93,11 +93,9 @@ def sources(controller: Controller, token: str) -> dict[str, str]:
     )
     heard = len(controller.agents[0].neighbours)
     listed = "".join(f'<SourceFile name="{name}"/>' for name in ("dobc_agent.c", "fmi3_agent.c"))
-    build = (
-        '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
-        f'  <BuildConfiguration modelIdentifier="{MODEL}">\n    <SourceFileSet language="C99">{listed}'
-        "</SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n"
-    )
+    build = '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
+    build += f'  <BuildConfiguration modelIdentifier="{MODEL}">\n    <SourceFileSet language="C99">{listed}'
+    build += "</SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>\n"
     return {
         "dobc_agent.h": header_text(controller),
         "dobc_agent.c": source_text(controller),
@@ -167,7 +165,6 @@ def _compiled(files: Mapping[str, bytes]) -> _Library | None:
             raise SolverError(f"the C compiler could not be run: {error}.", key="--fmu", cure=cure) from error
         if done.returncode != 0 or not library.exists():
             first = next(iter(done.stderr.strip().splitlines()), "no message")
-            message = f"the C compiler refused the FMU's code: {first[:200]}."
-            raise SolverError(message, key="--fmu", cure=cure)
+            raise SolverError(f"the C compiler refused the FMU's code: {first[:200]}.", key="--fmu", cure=cure)
         machine = MACHINES.get(platform.machine(), platform.machine())
         return _Library(f"{machine}-{system}", library.name, library.read_bytes())

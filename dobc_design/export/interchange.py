@@ -18,15 +18,7 @@ from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.export.c_text import template
-from dobc_design.problem.arrays import (
-    Gain,
-    arc_groups,
-    exosystem_arrays,
-    goals,
-    pinning_matrix,
-    require_floats,
-    required_gain,
-)
+from dobc_design.problem import arrays
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
@@ -219,7 +211,7 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
 
 
 def _loaded(problem: Source) -> Problem:
-    return require_floats(problem if isinstance(problem, Problem) else load_problem(problem))
+    return arrays.require_floats(problem if isinstance(problem, Problem) else load_problem(problem))
 
 
 def analyse(problem: Source) -> Analysis:
@@ -276,11 +268,9 @@ def to_control(
 
 
 def python_script(problem: Source) -> str:
-    """The closed loop as the text of a Python file that needs NumPy and python-control only.
-
-    Numbers are floats in their shortest exact form, couplings the text of the problem, which is Python once its
-    functions are named; text of users appears in strings only.  Raises: SpecError for more than 20 000 arcs.
-    """
+    """The closed loop as the text of a Python file that needs NumPy and python-control only.  Numbers are floats in
+    their shortest exact form, couplings the text of the problem, which is Python once its functions are named; text of
+    users appears in strings only.  Raises: SpecError for more than 20 000 arcs."""
     problem = _loaded(problem)
     gain = observer_gain(problem)
     arcs = sum(len(each) for each in problem.network.modes.values())
@@ -314,12 +304,13 @@ def _function(number: int, coupling: Coupling) -> str:
     return f"{head}    {names}{',' if m == 1 else ''} = y.T\n    return np.stack([{parts}], axis=1)\n"
 
 
-def _numbers(problem: Problem, gain: Gain | None) -> str:
-    A, C = exosystem_arrays(problem)
+def _numbers(problem: Problem, gain: arrays.Gain | None) -> str:
+    A, C = arrays.exosystem_arrays(problem)
     n, m, q = problem.n, problem.m, problem.q
-    K = pinning_matrix(problem).tocoo()
+    K = arrays.pinning_matrix(problem).tocoo()
     lines = [f"\n\nN, M, Q = {n}, {m}, {q}", f"LABELS = {list(problem.network.labels)!r}"]
-    for name, array in (("A", A), ("C", C), ("W", required_gain(problem, gain)), ("GOALS", goals(problem))):
+    named = {"A": A, "C": C, "W": arrays.required_gain(problem, gain), "GOALS": arrays.goals(problem)}
+    for name, array in named.items():
         lines.append(f"{name} = np.array({array.tolist()!r}, dtype=float).reshape{array.shape}")
     lines.append(f"K = np.zeros(({n}, {m}, {m}))  # 1/s, one matrix per agent")
     entries = zip(K.row.tolist(), K.col.tolist(), K.data.tolist(), strict=True)
@@ -332,7 +323,7 @@ def _arcs(problem: Problem, couplings: list[Coupling]) -> str:
     lines = ["ARCS = {  # mode: (coupling, listeners, speakers, weights)"]
     for mode in problem.network.modes:
         lines.append(f"    {mode!r}: [")
-        for group in arc_groups(problem, mode):
+        for group in arrays.arc_groups(problem, mode):
             weights = np.asarray(group.weights).tolist()
             pairs = f"np.array({group.listeners.tolist()}), np.array({group.speakers.tolist()})"
             lines.append(f"        (h{couplings.index(group.coupling)}, {pairs}, np.array({weights})),")

@@ -43,9 +43,7 @@ def exact_matrices(
     problem: Problem, *, W: Matrix | None = None, P: Matrix | None = None, Q: Matrix | None = None
 ) -> dict[str, Matrix]:
     """All matrices by name, as rationals; W, P and Q are those of the problem or certificate, where there are any.
-
-    Raises: SpecError for more than 500 rows.
-    """
+    Raises: SpecError for more than 500 rows."""
     n, m = problem.n, problem.m
     if n * m > MOST_ROWS:
         message = f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}."
@@ -89,10 +87,8 @@ def sympy_matrices(found: Mapping[str, Matrix], problem: Problem) -> dict[str, A
 
 
 def latex_of(found: Mapping[str, Matrix], problem: Problem) -> str:
-    """h and the matrices as displayed LaTeX equations, one after the other; above 12 rows only their size.
-
-    Rationals of more than 12 digits are rounded to four.
-    """
+    """h and the matrices as displayed LaTeX equations, one after the other; above 12 rows only their size.  Rationals
+    of more than 12 digits are rounded to four."""
     h = problem.coupling.latex
     column = h[0] if problem.coupling.by_component else r"\begin{pmatrix} " + r" \\ ".join(h) + r" \end{pmatrix}"
     lines = [f"h(y) = {column}"]
@@ -109,10 +105,8 @@ MOST_AGENTS = 2000  # L is dense
 
 
 def mat_bytes(problem: Problem) -> bytes:
-    """The bytes of a .mat file with A, C, L, W, P, k, xbar, offsets, h, labels, modes, name.
-
-    Raises: SpecError for couplings of single arcs, and above 2000 agents.
-    """
+    """The bytes of a .mat file with A, C, L, W, P, k, xbar, offsets, h, labels, modes, name.  Raises: SpecError for
+    couplings of single arcs, and above 2000 agents."""
     from scipy.io import savemat
 
     if problem.exceptions:
@@ -177,9 +171,7 @@ class Normalisation:
 
 def sdpa_text(problem: Problem, *, pair: tuple[Matrix, Matrix] | None = None, verdict: Verdict | None = None) -> str:
     """The file's text.  ``pair``: a proved (P, Q); ``verdict``: what was decided exactly, for the file's first lines.
-
-    Raises: SpecError where the theorems say nothing (couplings that are not C1), and above 4000 rows.
-    """
+    Raises: SpecError where the theorems say nothing (couplings that are not C1), and above 4000 rows."""
     rows = problem.n * (problem.m + problem.q) * len(problem.network.modes)
     if rows > MOST_SDPA_ROWS:
         raise _too_large(rows, "rows")
@@ -226,11 +218,8 @@ def normalisation(pair: tuple[Matrix, Matrix] | None) -> Normalisation:
 def _above(value: float) -> Fraction:
     """A power of ten or twice or five times one, not below ``value``."""
     exponent = math.floor(math.log10(max(value, 1.0)))
-    return next(
-        bound
-        for factor in (1, 2, 5, 10, 20)
-        if (bound := factor * Fraction(10) ** exponent) >= Fraction(max(value, 1.0))
-    )
+    bounds = (factor * Fraction(10) ** exponent for factor in (1, 2, 5, 10, 20))
+    return next(bound for bound in bounds if bound >= Fraction(max(value, 1.0)))
 
 
 Entries = dict[tuple[int, int, int], Fraction]  # number of F, row, column (upper triangle)

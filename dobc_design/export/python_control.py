@@ -24,13 +24,10 @@ Array = NDArray[np.float64]
 
 
 class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control is not typed
-    """The closed loop of all agents.
-
-    States: x, xi, z, each agent by agent, n m + 2 n q of them.  Inputs: a disturbance that acts besides d, n m, in
-    units of x per s; 0 gives the loop as printed.  Outputs: x, dhat and u, n m each.
-    ``exosystem`` (12) has no input but a zero one; ``observer`` (13) of one agent has the inputs x_i and
-    v_i = couplings + u_i and the output dhat_i; both are None without an exosystem.
-    """
+    """The closed loop of all agents.  States: x, xi, z, each agent by agent, n m + 2 n q of them.  Inputs: a
+    disturbance that acts besides d, n m, in units of x per s; 0 gives the loop as printed.  Outputs: x, dhat and u, n m
+    each. ``exosystem`` (12) has no input but a zero one; ``observer`` (13) of one agent has the inputs x_i and v_i =
+    couplings + u_i and the output dhat_i; both are None without an exosystem."""
 
     def __init__(self, loop: Loop, update: Callable[..., Array], output: Callable[..., Array], name: str) -> None:
         n, m, q = loop.n, loop.m, loop.q

@@ -31,8 +31,7 @@ def comment(*paragraphs: str) -> str:
     """A comment, whatever the text: it can neither end the comment nor open a comment or string in it."""
     harmless = (text.replace('"', "'").replace("(*", "( *").replace("*)", "* )") for text in paragraphs)
     plain = (text.encode("ascii", "backslashreplace").decode("ascii") for text in harmless)
-    lines = [line for text in plain for line in textwrap.wrap(text, WIDTH - 6)]
-    return "(* " + "\n   ".join(lines) + " *)"
+    return "(* " + "\n   ".join([line for text in plain for line in textwrap.wrap(text, WIDTH - 6)]) + " *)"
 
 
 def number(x: Fraction) -> str:
@@ -69,10 +68,8 @@ def square_list(squares: Iterable[Square]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Square:
-    """d (x_pivot + sum of others[i] x_i)^2: one entry of D and one column of L.
-
-    ``others`` are the entries of the column that are neither 0 nor the 1 at the pivot, by rising index.
-    """
+    """d (x_pivot + sum of others[i] x_i)^2: one entry of D and one column of L.  ``others`` are the entries of the
+    column that are neither 0 nor the 1 at the pivot, by rising index."""
 
     weight: Fraction
     pivot: int
@@ -80,10 +77,8 @@ class Square:
 
 
 def factor(M: SparseSymmetric) -> tuple[Square, ...] | None:
-    """Return the squares M is the sum of, in the order of elimination, or None if M is not positive definite.
-
-    Pivots are taken on the diagonal by least degree, then least index, so the answer is unique.
-    """
+    """Return the squares M is the sum of, in the order of elimination, or None if M is not positive definite.  Pivots
+    are taken on the diagonal by least degree, then least index, so the answer is unique."""
     rows: list[dict[int, Fraction]] = [{} for _ in range(M.size)]
     for (i, j), value in M.entries.items():
         rows[i][j] = rows[j][i] = value
@@ -128,14 +123,11 @@ Factors = tuple[Square, ...]
 
 
 def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
-    """Return the text of a Coq file that proves the certificate's theorem.
-
-    With an exosystem: theorem1 or theorem2, with the certificate's P and Q = P W, for all modes.  Without:
-    lemma1 of every mode.  ``rate`` adds the claimed decay rate.  The same certificate gives the same text.
-    Raises: SpecError if that is not proved in the certificate, if a slope h'(0) is irrational, if the
-    problem is too large for Coq, or if the numbers in the certificate do not prove what it claims.
-    Source: theory, sections 2 and 3.  Tested with Coq 8.16.
-    """
+    """Return the text of a Coq file that proves the certificate's theorem.  With an exosystem: theorem1 or theorem2,
+    with the certificate's P and Q = P W, for all modes.  Without: lemma1 of every mode.  ``rate`` adds the claimed
+    decay rate.  The same certificate gives the same text. Raises: SpecError if that is not proved in the certificate,
+    if a slope h'(0) is irrational, if the problem is too large for Coq, or if the numbers in the certificate do not
+    prove what it claims. Source: theory, sections 2 and 3.  Tested with Coq 8.16."""
     problem, claims = certificate.problem, certificate.claims
     if claims.problem_sha256 != problem_sha256(problem):
         message = "the certificate is about another problem: its hash differs."

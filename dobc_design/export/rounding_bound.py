@@ -66,10 +66,8 @@ class ErringAlgebra:
     def power(self, base: Erring, exponent: int) -> Erring:
         count = abs(exponent)
         largest = (np.abs(base.value) + base.error) ** max(0, count - 1)
-        value = base.value**count
-        positive = self._made(value, count * largest * base.error, times=count)
-        one = self.constant(Fraction(1))
-        return positive if exponent >= 0 else self.divide(one, positive)
+        positive = self._made(base.value**count, count * largest * base.error, times=count)
+        return positive if exponent >= 0 else self.divide(self.constant(Fraction(1)), positive)
 
     def call(self, name: str, arguments: tuple[Erring, ...]) -> Erring:
         return by_twos(name, arguments, self._called)
@@ -89,10 +87,8 @@ class ErringAlgebra:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recorded:
-    """One agent's samples in the double-precision loop.
-
-    Shapes: x, u, v, dhat (S, m), heard (S, neighbours, m), xihat (S, q), modes (S,).
-    """
+    """One agent's samples in the double-precision loop.  Shapes: x, u, v, dhat (S, m), heard (S, neighbours, m), xihat
+    (S, q), modes (S,)."""
 
     agent: AgentNumbers
     modes: NDArray[np.int64]
@@ -122,8 +118,7 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
         return float(np.max(felt_error + pull + 3 * u * (np.abs(felt) + np.abs(e) @ gain.T)))
     Ad, Cd, L = (np.abs(to_float(each)) for each in (controller.Ad, controller.Cd, controller.L))
     size = np.abs(recorded.xihat) @ Cd.T
-    dhat = (q + 2) * u * size
-    held = felt_error + pull + dhat + 3 * u * (np.abs(felt) + np.abs(e) @ gain.T + size)
+    held = felt_error + pull + (q + 2) * u * size + 3 * u * (np.abs(felt) + np.abs(e) @ gain.T + size)
     period = float(controller.period)
     steps = np.abs(np.diff(recorded.x, axis=0))
     mean = (u * (np.abs(recorded.x[1:]) + np.abs(recorded.x[:-1])) + 3 * u * steps) / period + held[:-1]
@@ -151,8 +146,7 @@ def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: A
             total[here] += weight * h.value
             size[here] += np.abs(weight * h.value)
             error[here] += weight * h.error
-    count = max((len(each) for each in recorded.agent.modes), default=0)
-    return total, error + (count + 2) * u * size
+    return total, error + (max((len(each) for each in recorded.agent.modes), default=0) + 2) * u * size
 
 
 def coupling_with_error(coupling: Coupling, y: Erring, algebra: ErringAlgebra) -> Erring:

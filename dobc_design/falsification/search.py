@@ -228,8 +228,7 @@ class _Search:
         found: list[Equilibrium] = []
         for mode in self.arena.modes:
             others = np.concatenate([self.starts.draw(rng, count, kind)[0] for kind in (CORNERS, RANDOM)], axis=1)
-            points = [*stalled[:count], *others.T]
-            found += proved_equilibria(problem, mode, points, starts=self.starts)
+            found += proved_equilibria(problem, mode, [*stalled[:count], *others.T], starts=self.starts)
         return sorted(found, key=lambda claim: float(np.max(np.abs(point_of(claim)))))
 
     def suspect(self, kind: str, runs: Runs, run: int) -> Suspect:
@@ -378,8 +377,7 @@ MOST_DAMPING = 1e8
 
 def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:
     """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
-    size = problem.n * problem.m
-    if problem.region is None or size > LARGEST:
+    if problem.region is None or problem.n * problem.m > LARGEST:
         return None
     try:
         with np.errstate(all="ignore"):

@@ -50,11 +50,9 @@ STALLED = 0.8  # the part of its error halfway that a run still has at the end
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BoxLevel:
-    """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,), scaled so that it is 1 on the boundary.
-
-    ``rate`` in 1/s: V(t) <= V(0) exp(-rate t) is certified while V <= 1.  ``P`` (q, q) is the observer's matrix, scaled
-    like V; None where the certificate is about eps = 0 only.
-    """
+    """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,), scaled so that it is 1 on the boundary.  ``rate`` in
+    1/s: V(t) <= V(0) exp(-rate t) is certified while V <= 1.  ``P`` (q, q) is the observer's matrix, scaled like V;
+    None where the certificate is about eps = 0 only."""
 
     name: str
     rate: float
@@ -194,8 +192,7 @@ class Box:
 
     def project(self, e: Array, eps: Array) -> Pair:
         eps = eps * _owned(self.loop)[:, :, None]
-        lengths = np.linalg.norm(eps, axis=1, keepdims=True)
-        factor = np.minimum(1.0, self.radius / np.maximum(lengths, TINY))
+        factor = np.minimum(1.0, self.radius / np.maximum(np.linalg.norm(eps, axis=1, keepdims=True), TINY))
         return np.clip(e, self.low[:, None], self.high[:, None]), eps * factor
 
     def holds(self, e: Array) -> bool:

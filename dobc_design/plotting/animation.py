@@ -33,9 +33,7 @@ COLOURS = {"blue": BLUE, "grid": GRID, "ink": INK, "muted": MUTED, "paper": PAPE
 
 def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bool = False) -> Path:
     """Write ``path``: .html or .gif.  ``arcs``: (listener, speaker) by mode, where the run has no graphs of its own.
-
-    Raises: SpecError for another ending, a network that is too large, or a GIF without Pillow.
-    """
+    Raises: SpecError for another ending, a network that is too large, or a GIF without Pillow."""
     kind = path.suffix.lower()
     if kind not in (".html", ".gif"):
         told = f"an animation is saved as .html or .gif; got {path.name[:40]!r}."
@@ -70,11 +68,8 @@ def animation_gif(run: Run, *, arcs: Arcs | None = None) -> bytes:
     try:
         from PIL import Image
     except ImportError:
-        raise SpecError(
-            "a GIF needs the package Pillow, which is not installed.",
-            key="path",
-            cure="Install it (pip install pillow), or save as .html.",
-        ) from None
+        cure = "Install it (pip install pillow), or save as .html."
+        raise SpecError("a GIF needs the package Pillow, which is not installed.", key="path", cure=cure) from None
     links, places, goals = _links(run, arcs), _in_plane(run.x), _in_plane(run.goal)
     chosen = thinned_rows(len(run.times), MOST_GIF_FRAMES)
     modes = run.switches.at(run.times[chosen])

@@ -36,10 +36,8 @@ _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequence[int] = ()) -> Sheet:
     """States by component, disturbance and estimate, errors on a logarithmic axis, and which mode was active.
-
-    ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into the errors.
-    ``pinned``: indices of agents to be drawn in blue.
-    """
+    ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into the errors. ``pinned``:
+    indices of agents to be drawn in blue."""
     points = checked_envelope(envelope, run.times)
     components = min(run.x.shape[2], MOST_COMPONENTS)
     has_estimate = bool(run.d.size and (run.d.any() or run.dhat.any()))
@@ -67,9 +65,7 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
 
 def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
     """Quantile bands of |e|_inf and of |d - dhat|_inf over all runs; a run that diverged counts as infinite.
-
-    ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into |e|_inf.
-    """
+    ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into |e|_inf."""
     points = checked_envelope(envelope, runs.times)
     has_estimate = bool(np.nan_to_num(runs.estimation_error).any())
 
@@ -135,10 +131,8 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
 def plot_errors(
     ax: Axes, times: Array, errors: dict[str, Array], *, envelope: Array | None = None, rate: float | None = None
 ) -> Axes:
-    """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.
-
-    Without one ``rate`` (1/s) adds a line that falls like exp(-rate t) from the first error, a slope and no bound.
-    """
+    """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.  Without one ``rate`` (1/s)
+    adds a line that falls like exp(-rate t) from the first error, a slope and no bound."""
     rows = look.thinned_rows(len(times))
     ax.set_yscale("log")
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):

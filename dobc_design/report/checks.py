@@ -15,15 +15,7 @@ from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem import canonical
 from dobc_design.problem.changes import change_lines
 from dobc_design.report import document as doc
-from dobc_design.report.words import (
-    capitalize_first,
-    domain_words,
-    mark_of,
-    names_in_words,
-    rational,
-    shortened,
-    verdict_counts,
-)
+from dobc_design.report import words
 from dobc_design.verdict import Verdict
 
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
@@ -79,7 +71,7 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
     told = f"Proved with the very conditions that failed. To write the cured problem: `{CURE_COMMAND}`"
     decided = "The cured problem was decided by the very conditions that failed. This command writes it to a file:"
     blocks = (
-        doc.Text(shortened(check.fix.text)),
+        doc.Text(words.shortened(check.fix.text)),
         *((doc.Text("In the problem file:"), doc.Code(lines)) if lines else ()),
         doc.in_markdown(doc.Text(doc.Own(told))),
         doc.on_pages(doc.Text(decided), doc.Code((CURE_COMMAND,), command=True)),
@@ -112,10 +104,10 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
     yield doc.table_of(
         "Checks with verdict, domain, margin, rate and reason",
         [checks[i] for i in sorted(ordered[:MOST_ROWS])],
-        doc.Column("verdict", lambda check: mark_of(check.verdict), 0),
+        doc.Column("verdict", lambda check: words.mark_of(check.verdict), 0),
         doc.Column("condition", _name, 1.5),
         doc.Column("id", lambda check: check.id, only=("markdown",)),
-        doc.Column("where", lambda check: domain_words(check.domain), 1.1),
+        doc.Column("where", lambda check: words.domain_words(check.domain), 1.1),
         doc.Column("margin", lambda check: significant_towards_zero(check.margin), 0.8, unit="1/s", style="number"),
         doc.Column("rate", lambda check: significant_towards_zero(check.rate), 0.8, unit="1/s", style="number"),
         doc.Column("reason", lambda check: _reason(check, id(check) in own_cures), 3, style="why", only=doc.READ),
@@ -124,7 +116,7 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
     )
     hidden = [checks[i] for i in ordered[MOST_ROWS:]]
     if hidden:
-        told = verdict_counts(hidden, _ORDER)
+        told = words.verdict_counts(hidden, _ORDER)
         note = f"{len(checks)} checks were made; {len(hidden)} of them ({told}) are in certificate.json only."
         yield doc.Text(note)
 
@@ -140,15 +132,16 @@ def _reason(check: Check, own_cure: bool) -> doc.Reason:
     details = [*_exact(check)] + ([] if check.witness is None else [_witness(check.witness, check.id)])
     fix = check.fix
     return doc.Reason(
-        text=capitalize_first(shortened(check.reason)),
+        text=words.capitalize_first(words.shortened(check.reason)),
         details=details,
-        cure=None if fix is None else shortened(fix.text) if own_cure else POINTER,
+        cure=None if fix is None else words.shortened(fix.text) if own_cure else POINTER,
         lines=_fix_lines(fix) if fix is not None and own_cure else (),
     )
 
 
 def _brief_reason(check: Check) -> str:
-    return " ".join([capitalize_first(shortened(check.reason)), *(f"{key}: {value}." for key, value in _exact(check))])
+    reason = words.capitalize_first(words.shortened(check.reason))
+    return " ".join([reason, *(f"{key}: {value}." for key, value in _exact(check))])
 
 
 def _exact(check: Check) -> Iterator[tuple[str, str]]:
@@ -158,7 +151,7 @@ def _exact(check: Check) -> Iterator[tuple[str, str]]:
 
 
 def _witness(witness: Witness, id: str) -> tuple[str, str]:
-    who = f" (agents {names_in_words(witness.labels)})" if witness.labels else ""
+    who = f" (agents {words.names_in_words(witness.labels)})" if witness.labels else ""
     values = _entries(witness.values) if witness.values else ""
     match witness.kind:
         case "vector" if id == "observability":
@@ -166,17 +159,17 @@ def _witness(witness: Witness, id: str) -> tuple[str, str]:
         case "vector":
             return f"A direction v that is not held{who}, v", values
         case "agents":
-            return "Agents that no pin reaches", names_in_words(witness.labels or (), 30)
+            return "Agents that no pin reaches", words.names_in_words(witness.labels or (), 30)
         case "polynomial":
-            return "The factor that does not decay", shortened(", ".join(witness.values or ()))
+            return "The factor that does not decay", words.shortened(", ".join(witness.values or ()))
         case "routh_row":
             return "First column of Routh’s table", values
         case kind:
-            return f"Witness ({shortened(kind, 40)}){who}", values
+            return f"Witness ({words.shortened(kind, 40)}){who}", values
 
 
 def _fix_lines(fix: Fix) -> tuple[str, ...]:
-    return tuple(shortened(" ".join(line.split())) for line in change_lines(fix.set)[:20])
+    return tuple(words.shortened(" ".join(line.split())) for line in change_lines(fix.set)[:20])
 
 
 def _entries(values: Sequence[Any]) -> str:
@@ -194,7 +187,7 @@ def _number(text: str) -> str:
     try:
         return f"≈ {int(numerator) / int(denominator or 1):.6g}"
     except (ValueError, OverflowError, ZeroDivisionError):
-        return shortened(text, 80)
+        return words.shortened(text, 80)
 
 
 def trace_section(checks: Sequence[Check]) -> doc.Section:
@@ -210,8 +203,7 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
         doc.Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
         doc.Column("found here", lambda kind: _found(kind.id, checks), 0.8),
     )
-    blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table)
-    return doc.Section("Traceability", blocks, "traceability")
+    return doc.Section("Traceability", (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table), "traceability")
 
 
 def _found(id: str, checks: Sequence[Check]) -> str:
@@ -275,9 +267,9 @@ def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:
         for check in checks
         if check.id == "settling" and check.verdict is Verdict.PROVED and "--all" not in options
     ]
-    tolerances = [number for number in map(rational, (*asked, *proved)) if number is not None]
+    tolerances = [number for number in map(words.rational, (*asked, *proved)) if number is not None]
     known = [option for option in SWITCHES if option in options]
-    known += [x for x in options if x.startswith(TIMED) and rational(x.removeprefix(TIMED)) is not None][:1]
+    known += [x for x in options if x.startswith(TIMED) and words.rational(x.removeprefix(TIMED)) is not None][:1]
     return " ".join(["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"])
 
 

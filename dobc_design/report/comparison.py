@@ -102,10 +102,6 @@ def _holds_for(certificate: Certificate) -> str:
     return ABSENT if domain is None else words.domain_words(domain)
 
 
-def _carrier(certificate: Certificate) -> str:
-    return next((each.kind.name for each in certificate.checks if each.id == certificate.covered_by), ABSENT)
-
-
 def _proved(certificate: Certificate) -> str:
     return f"{sum(check.verdict is Verdict.PROVED for check in certificate.checks)} of {len(certificate.checks)}"
 
@@ -114,7 +110,7 @@ FACTS: tuple[tuple[str, Callable[[Certificate], str]], ...] = (
     ("verdict", lambda each: each.verdict.value),
     ("holds for", _holds_for),
     ("certified rate in 1/s", lambda each: lower(each.rate)),
-    ("carried by", _carrier),
+    ("carried by", lambda each: next((x.kind.name for x in each.checks if x.id == each.covered_by), ABSENT)),
     ("agents", lambda each: str(each.problem.n)),
     ("modes", lambda each: str(len(each.problem.network.modes))),
     ("pinned agents", lambda each: str(len(each.problem.pinning.agents))),
@@ -143,10 +139,8 @@ def _checks(first: Certificate, second: Certificate) -> doc.Section:
     """Every check that one of them has, in the order of A, then those that only B has; marked where they differ."""
     a, b = ({(check.id, check.mode): check for check in each.checks} for each in (first, second))
     pairs = [(a.get(key), b.get(key)) for key in {**a, **b}]
-    told = (
-        "Margins and rates are in 1/s and cut towards zero. An en dash: the condition is not among the checks, or has"
-        " no such number."
-    )
+    told = "Margins and rates are in 1/s and cut towards zero. An en dash: the condition is not among the checks, or"
+    told += " has no such number."
     hidden = len(pairs) - MOST_ROWS
     columns = (
         doc.Column("condition", width=2.2),

@@ -75,12 +75,9 @@ def report_document(
     timings: Sequence[StageTiming] = (),
     searches: Sequence[Falsification] = (),
 ) -> doc.Document:
-    """The document.
-
-    ``analysis`` and ``trajectory`` are shown where they are given.  ``lambdas``: mode -> Lambda(J) at the consensus,
-    printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time; ``searches`` for
-    counterexamples.
-    """
+    """The document.  ``analysis`` and ``trajectory`` are shown where they are given.  ``lambdas``: mode -> Lambda(J) at
+    the consensus, printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time;
+    ``searches`` for counterexamples."""
     problem, again, verdict = certificate.problem, checks.reproduction(certificate), certificate.verdict
     mark, facts = words.mark_of(verdict), tuple(_facts(certificate))
     identity = checks.title_block(certificate, again)

@@ -106,11 +106,9 @@ class Code(Block):
 
 @dataclass(frozen=True, slots=True)
 class Formula(Block):
-    """A displayed formula.
-
-    ``label`` says what it is, ``number`` is that of the paper.  ``typst``: its name in the template of the PDF, which
-    does not read LaTeX, or the exact number below which the largest eigenvalue of Lambda stays.
-    """
+    """A displayed formula.  ``label`` says what it is, ``number`` is that of the paper.  ``typst``: its name in the
+    template of the PDF, which does not read LaTeX, or the exact number below which the largest eigenvalue of Lambda
+    stays."""
 
     latex: str
     label: str = ""
@@ -147,10 +145,8 @@ class Matrices(Block):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A figure that is still to be drawn, with its caption and its text alternative; sizes in inches.
-
-    ``name`` begins the identifiers of its SVG, so that several figures can share a page.
-    """
+    """A figure that is still to be drawn, with its caption and its text alternative; sizes in inches.  ``name`` begins
+    the identifiers of its SVG, so that several figures can share a page."""
 
     name: str
     title: str
@@ -207,10 +203,8 @@ Cell = str | Mark | Name | Reason
 @dataclass(frozen=True, slots=True)
 class Column:
     """One column: its head, what ``table_of`` shows of a row, and its part of a page's width (0: what it needs).
-
     ``unit`` is named where the head stands alone, on a phone.  ``style``: "number" for numbers in columns, "why" for
-    sentences, "code" for names of files, "plain" for the rest.  ``only``: the forms that have it.
-    """
+    sentences, "code" for names of files, "plain" for the rest.  ``only``: the forms that have it."""
 
     head: str
     shown: Callable[[Any], Cell] = str

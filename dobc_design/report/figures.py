@@ -44,9 +44,8 @@ _SQUARE = Path(np.array([(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9), (-0
 
 def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
     """Eigenvalues in the complex plane, one marker per name; the half-plane that must stay empty is shaded.
-
-    ``spectra``: name -> complex eigenvalues, in 1/s.  At most 400 of each are drawn, rightmost and leftmost included.
-    """
+    ``spectra``: name -> complex eigenvalues, in 1/s.  At most 400 of each are drawn, rightmost and leftmost
+    included."""
     known = {name: np.atleast_1d(np.asarray(each, dtype=complex)) for name, each in spectra.items()}
     everything = np.concatenate(list(known.values()))
     reach = max(float(np.abs(everything.real).max(initial=0.0)), 1e-3)
@@ -76,9 +75,7 @@ def plot_spectrum(ax: Axes, spectra: Mapping[str, ArrayLike]) -> Axes:
 
 def plot_lambda(ax: Axes, spectra: Mapping[str, ArrayLike], *, bounds: Mapping[str, float] | None = None) -> Axes:
     """Eigenvalues of Lambda(J), one row per mode, against 0 and against the ``bounds`` of given matrices P.
-
-    ``spectra``: mode -> real eigenvalues, in 1/s.  ``bounds``: name -> number that the largest must stay below.
-    """
+    ``spectra``: mode -> real eigenvalues, in 1/s.  ``bounds``: name -> number that the largest must stay below."""
     known = {name: np.sort(np.asarray(each, dtype=float).ravel()) for name, each in spectra.items()}
     everything = np.concatenate(list(known.values()))
     marks = [0.0, *(bounds or {}).values()]
@@ -163,11 +160,9 @@ def drawn_agents(regions: Regions) -> list[AgentBound]:
 
 
 def plot_starts(ax: Axes, regions: Regions) -> Axes:
-    """From where each agent may start, all at once: a bar around its goal, pinned agents in blue.
-
-    Bars are in the unit of x, around the goals; with several state components they show the error, around 0.  The
-    band is what was asked for.  At most 24 agents are drawn.
-    """
+    """From where each agent may start, all at once: a bar around its goal, pinned agents in blue.  Bars are in the unit
+    of x, around the goals; with several state components they show the error, around 0.  The band is what was asked
+    for.  At most 24 agents are drawn."""
     agents, asked = regions.agents, regions.asked
     chosen = drawn_agents(regions)
     for column, agent in enumerate(chosen):
@@ -199,9 +194,7 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
 
 def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     """The certified bound of |e|_inf over time, on a logarithmic axis; a tick wherever another certificate takes over.
-
-    Solid: no start of the box leaves it.  Dashed: the tolerance.
-    """
+    Solid: no start of the box leaves it.  Dashed: the tolerance."""
     times, bounds = settling.curve(samples=ENVELOPE_SAMPLES)
     foot, tolerance = float(bounds.min()) * BELOW, float(settling.tolerance)
     ax.set_yscale("log")
@@ -249,11 +242,9 @@ def draw_network(
     pinned: Collection[int] = (),
     unreached: Collection[int] = (),
 ) -> Axes:
-    """Draw one mode, as a few compound paths in data coordinates, so that a large network stays a small file.
-
-    ``arcs`` are (listener, speaker); the arrow starts at the speaker.  Pinned agents are filled blue squares, others
-    circles, those that no pin reaches orange dashed circles.  Shapes: places (n, 2), within [-1, 1].
-    """
+    """Draw one mode, as a few compound paths in data coordinates, so that a large network stays a small file.  ``arcs``
+    are (listener, speaker); the arrow starts at the speaker.  Pinned agents are filled blue squares, others circles,
+    those that no pin reaches orange dashed circles.  Shapes: places (n, 2), within [-1, 1]."""
     radius, known = _radius(places), list(arcs)
     _draw_arcs(ax, known, places, radius)
     free = [i for i in range(len(labels)) if i not in pinned]
@@ -414,5 +405,4 @@ def _scaled(layout: Mapping[int, Any], agents: Iterable[int]) -> Positions:
 def _fitted(places: Positions) -> Positions:
     low, high = places.min(axis=0), places.max(axis=0)
     size = float((high - low).max()) or 1.0
-    fitted = (places - (low + high) / 2) * (2 / size)
-    return np.asarray(np.round(fitted, 3), dtype=np.float64)
+    return np.asarray(np.round((places - (low + high) / 2) * (2 / size), 3), dtype=np.float64)

@@ -54,8 +54,7 @@ def markdown_page(document: doc.Document) -> str:
 
 def escape(text: object) -> str:
     """Escape user text so that Markdown and HTML show it as it is, on one line."""
-    line = " ".join(str(text).split())
-    return _OPENING.sub(r"\1\\\2", _SPECIAL.sub(r"\\\g<0>", line))
+    return _OPENING.sub(r"\1\\\2", _SPECIAL.sub(r"\\\g<0>", " ".join(str(text).split())))
 
 
 def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:

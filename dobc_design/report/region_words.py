@@ -54,11 +54,9 @@ def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Pi
         return
     asked, rest = asked_sentence(regions), rest_sentence(regions)
     size = problem.n * problem.m
-    norms = (
-        "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds the"
-        f" ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, where all {size} components may be off"
-        " at once."
-    )
+    norms = "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds"
+    norms += f" the ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, where all {size} components may"
+    norms += " be off at once."
     timing = doc.List(timing_sentences(regions))
     told = (doc.Section("Time, late messages and sampling", (timing,)),)
     blocks = (
@@ -165,10 +163,8 @@ def timing_sentences(regions: Regions) -> list[str]:
 
 def _delay(check: Check) -> str:
     late = _exact(check, "delay")
-    text = (
-        "Information may be late by any bounded time: from every start in the max-separable box the agents still reach"
-        " the target."
-    )
+    text = "Information may be late by any bounded time: from every start in the max-separable box the agents still"
+    text += " reach the target."
     if late and check.rate:
         text += f" Late by up to {lower(late)} s, the error still decays at every rate below {lower(check.rate)} 1/s."
     return text
@@ -204,10 +200,8 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     """What the picture of single agents shows; ``drawn``: how many of them, if not all."""
     bounds = [agent.bound for agent in regions.agents]
     least, most = lower(min(bounds)), lower(max(bounds))
-    text = (
-        "By the max-separable certificate every agent may start anywhere in its bar, all of them at once:"
-        f" |eᵢ| may be up to {least if least == most else f'{least}, for some agents up to {most}'}."
-    )
+    text = "By the max-separable certificate every agent may start anywhere in its bar, all of them at once:"
+    text += f" |eᵢ| may be up to {least if least == most else f'{least}, for some agents up to {most}'}."
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
 
@@ -260,11 +254,9 @@ def settling_sentence(settling: Settling) -> str:
     """The whole claim; a time is never shown shorter than it is, nor the box of starts larger."""
     errors = f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i" if settling.disturbance else ""
     count = len(settling.stages)
-    return (
-        f"From every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
-        f" {upper(float_above(settling.tolerance))} for all t ≥ {upper(settling.time or 0.0)} s,"
-        f" {'by one certificate' if count == 1 else f'by {count} certificates in turn'}."
-    )
+    text = f"From every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
+    text += f" {upper(float_above(settling.tolerance))} for all t ≥ {upper(settling.time or 0.0)} s,"
+    return text + f" {'by one certificate' if count == 1 else f'by {count} certificates in turn'}."
 
 
 def timing_notes(timings: Sequence[StageTiming]) -> list[str]:
@@ -281,10 +273,8 @@ def timing_notes(timings: Sequence[StageTiming]) -> list[str]:
 
 def envelope_alt(settling: Settling) -> str:
     """The picture of the envelope in words."""
-    return (
-        f"Certified bound of |e|∞ over time: from {upper(float(settling.envelope(0.0)))} down to"
-        f" {lower(settling.tolerance)} at {upper(settling.time)} s, in {len(settling.stages)} stage(s)."
-    )
+    text = f"Certified bound of |e|∞ over time: from {upper(float(settling.envelope(0.0)))} down to"
+    return text + f" {lower(settling.tolerance)} at {upper(settling.time)} s, in {len(settling.stages)} stage(s)."
 
 
 def search_sections(

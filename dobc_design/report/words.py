@@ -186,10 +186,8 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
 def _about_the_model(problem: Problem, messages: str) -> str:
     disturbances = "one (A, C) for all agents, " if problem.groups else ""
     disturbances = "one (A, C) for each group of agents, " if problem.is_grouped else disturbances
-    return (
-        f"It is about the model as given: single integrators, {disturbances}{messages}. Whether the model fits the"
-        " plant is not decided here."
-    )
+    text = f"It is about the model as given: single integrators, {disturbances}{messages}. Whether the model fits the"
+    return text + " plant is not decided here."
 
 
 def agents_table(problem: Problem) -> doc.Table | None:
@@ -248,10 +246,8 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
 
 
 def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
-    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None.
-
-    ``pairs`` are (listener, speaker), each once.
-    """
+    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None.  ``pairs`` are
+    (listener, speaker), each once."""
     known = list(pairs)
     steps = {(speaker - listener) % n for listener, speaker in known}
     return tuple(sorted(steps)) if known and len(known) == n * len(steps) else None

@@ -58,11 +58,9 @@ def render_report(
     pdf: bool = False,
     progress: Progress | None = None,
 ) -> dict[str, bytes]:
-    """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.
-
-    Diagnostics, one simulation and what the stages of a settling time say about sampling and delays are computed here
-    and handed to the report, which computes nothing.
-    """
+    """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  Diagnostics, one simulation and
+    what the stages of a settling time say about sampling and delays are computed here and handed to the report, which
+    computes nothing."""
     from dobc_design.report.content import report_document
     from dobc_design.report.pages import html_page, markdown_page
     from dobc_design.report.pdf import pdf_page, require_typst

@@ -52,12 +52,10 @@ COARSE = 1e-6  # relative tolerance of the integrator: errors of ten percent are
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sweep:
-    """One option, from mild to severe, up to the first severity at which the loop no longer converges.
-
-    Shapes: severity (S,) in ``unit``, relative (S,) in multiples of what is natural (see ``what_breaks_first``), late
-    (S,), the late error over the one at the start, inf where the run diverged.  ``survives`` and ``breaks``: the last
-    severity that converged and the first that did not, or None.
-    """
+    """One option, from mild to severe, up to the first severity at which the loop no longer converges.  Shapes:
+    severity (S,) in ``unit``, relative (S,) in multiples of what is natural (see ``what_breaks_first``), late (S,), the
+    late error over the one at the start, inf where the run diverged.  ``survives`` and ``breaks``: the last severity
+    that converged and the first that did not, or None."""
 
     option: str
     unit: str
@@ -208,8 +206,7 @@ def _late(run: Trajectory, stress: Stress) -> float:
     if run.diverged or not working:
         return np.inf
     error = np.abs(run.x - run.goal)
-    late = error[run.times >= LATE * run.t_final][:, working].max()
-    return float(late / max(float(error[0].max()), 1e-300))
+    return float(error[run.times >= LATE * run.t_final][:, working].max() / max(float(error[0].max()), 1e-300))
 
 
 def _grid(problem: Problem, option: str, calm: Trajectory, loop: Loop) -> Iterator[tuple[float, float, Stress]]:

@@ -32,11 +32,9 @@ RUNNING, DONE, ESCAPED, COLLAPSED, HANDED_BACK = range(5)
 
 
 class Columns(Protocol):
-    """What runs side by side, named by their places, obey.
-
-    ``part``: the derivative in a mode, of e (N, k) and forces (F, k).  ``forces``: at times (S, k), a column for each
-    run, (S, F, k).  ``size``: |e|_inf of states (N, k), (k,).  ``switched``: runs are in new modes.
-    """
+    """What runs side by side, named by their places, obey.  ``part``: the derivative in a mode, of e (N, k) and forces
+    (F, k).  ``forces``: at times (S, k), a column for each run, (S, F, k).  ``size``: |e|_inf of states (N, k), (k,).
+    ``switched``: runs are in new modes."""
 
     def part(self, mode: int, runs: IndexArray) -> RightHandSide: ...
     def forces(self, times: Array, runs: IndexArray) -> Array: ...
@@ -73,12 +71,10 @@ def padded(switches: Sequence[Switches]) -> tuple[Array, IndexArray]:
 
 
 class Stretch:
-    """A stretch of time, in s, for runs side by side; those that are still under way have a column each.
-
-    Shapes: e (N, R) at ``begin``; times and modes of ``switches`` (R, S), padded with inf and 0; ``farthest`` (R,), the
-    |e|_inf that counts as divergence; ``steps`` (R,), the first step sizes, or None for a guess.  ``most``: steps,
-    tried ones included, after which a run is handed back.  ``visit`` sees the samples after the begin, up to the end.
-    """
+    """A stretch of time, in s, for runs side by side; those that are still under way have a column each.  Shapes: e (N,
+    R) at ``begin``; times and modes of ``switches`` (R, S), padded with inf and 0; ``farthest`` (R,), the |e|_inf that
+    counts as divergence; ``steps`` (R,), the first step sizes, or None for a guess.  ``most``: steps, tried ones
+    included, after which a run is handed back.  ``visit`` sees the samples after the begin, up to the end."""
 
     def __init__(
         self,
@@ -159,8 +155,7 @@ class Stretch:
         errors = ((E @ flat[: STAGES + 1]).reshape(self.y.shape) / scale for E in (DOP853.E5, DOP853.E3))
         fifth, third = (np.square(each).sum(axis=0) for each in errors)
         below = np.sqrt((fifth + 0.01 * third) * len(self.y))
-        norm = np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below))
-        return new, K[STAGES], norm
+        return new, K[STAGES], np.where(below == 0, 0.0, h * fifth / np.where(below == 0, 1.0, below))
 
     def record(self, good: NDArray[np.bool_], h: Array, ends: Array, new: Array, f_new: Array) -> None:
         upto = np.searchsorted(self.samples, ends, side="right")

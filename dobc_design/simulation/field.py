@@ -43,10 +43,8 @@ _VARIABLE, _CONSTANT = -1, 0  # in place of a number of operands
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
     """Some arcs of one coupling: ``rows`` listen to ``speakers`` (arcs,); ``factor``: a common weight, or (arcs,).
-
     ``slots``: begin and end of every slot, whose i-th arc ends at the i-th of ``rows``.  Without slots, for hubs,
-    ``counts[i]`` arcs end at the i-th of ``rows``, and the matrix ``factor`` adds them.
-    """
+    ``counts[i]`` arcs end at the i-th of ``rows``, and the matrix ``factor`` adds them."""
 
     h: Callable[[Array], Array]
     vector: bool  # whether h needs to see the m components of a difference together
@@ -70,8 +68,7 @@ class _Block:
             return
         if isinstance(self.factor, np.ndarray):
             felt = felt * (self.factor if felt.ndim == 1 else self.factor[:, None])
-        first = self.slots[0][1]
-        found = felt[:first].copy()
+        found = felt[: self.slots[0][1]].copy()
         for begin, end in self.slots[1:]:
             found[: end - begin] += felt[begin:end]
         if not isinstance(self.factor, np.ndarray) and self.factor != 1:
@@ -88,10 +85,8 @@ class Graph:
     blocks: tuple[_Block, ...]
 
     def __call__(self, e: Array) -> Array:
-        """h(e) of (9), in a new array.
-
-        Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by agent.
-        """
+        """h(e) of (9), in a new array.  Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by
+        agent."""
         rows = np.ascontiguousarray(e).reshape((self.n, -1) if e.size > self.n else (self.n,))
         total = np.zeros_like(rows)
         for block in self.blocks:
@@ -284,9 +279,7 @@ MOST_NUMBERS = 1 << 24  # of the table
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
     """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in ``problem.arrays.Disturbance``.
-
-    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0.
-    """
+    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0."""
 
     n: int
     m: int
@@ -311,8 +304,7 @@ class Loop:
 
     def control(self, e: Array, dhat: Array) -> Array:
         """u of (19) for e and dhat, both (..., n, m)."""
-        flat = e.reshape(-1, self.n * self.m)
-        return np.asarray(-(self.K @ flat.T).T.reshape(e.shape) - dhat)
+        return np.asarray(-(self.K @ e.reshape(-1, self.n * self.m).T).T.reshape(e.shape) - dhat)
 
 
 def applied(gain: Array, y: Array) -> Array:
@@ -347,8 +339,7 @@ class Field:
         x, xi, z = loop.split(state)
         e = x - loop.goal
         xihat = z + loop.correction(x)
-        u = loop.control(e, xihat @ loop.C.T)
-        felt = self.graph(e.ravel()).reshape(e.shape) + u
+        felt = self.graph(e.ravel()).reshape(e.shape) + loop.control(e, xihat @ loop.C.T)
         z_dot = xihat @ loop.F.T - loop.correction(felt)
         return np.concatenate([(felt + xi @ loop.C.T).ravel(), (xi @ loop.A.T).ravel(), z_dot.ravel()])
 
@@ -414,8 +405,7 @@ class ClosedForm:
     def at(self, time: float) -> Array:
         """C exp(F t), (p, q)."""
         number = min(round(time / self.spacing), self.table.shape[1] - 1)
-        offset = time - number * self.spacing
-        powers = offset ** np.arange(TERMS)
+        powers = (time - number * self.spacing) ** np.arange(TERMS)
         return np.asarray(powers @ self.table[:, number]).reshape(self.C.shape)
 
     def many(self, times: Array) -> Array:
@@ -434,8 +424,7 @@ def make_closed_form(F: Array, C: Array, horizon: float) -> ClosedForm | None:
     """Prepare C exp(F t) up to ``horizon`` in s; None where |F| times the horizon is too large, or not finite."""
     if not (np.isfinite(F).all() and np.isfinite(C).all()):
         return None
-    size = max(float(np.linalg.norm(F, 1)), 1e-6 / horizon)
-    spacing = 1 / (4 * size)
+    spacing = 1 / (4 * max(float(np.linalg.norm(F, 1)), 1e-6 / horizon))
     ratio = horizon / spacing
     if not ratio < min(MOST_ANCHORS, MOST_NUMBERS / (TERMS * C.size)):
         return None

@@ -207,8 +207,7 @@ class Integration:
         stages = solver.n_stages
         last = solver.y_old + solver.h_previous * (solver.K[: stages - 1].T @ solver.A[stages - 1, : stages - 1])
         distance = float(np.linalg.norm(solver.y - last))
-        change = float(np.linalg.norm(solver.f - solver.K[stages - 1]))
-        if distance > 0 and step * change > BOUNDARY * distance:
+        if distance > 0 and step * float(np.linalg.norm(solver.f - solver.K[stages - 1])) > BOUNDARY * distance:
             self.on_boundary, self.inside = self.on_boundary + 1, 0
         else:
             self.inside += 1

@@ -234,10 +234,7 @@ def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | 
         count = int(np.searchsorted(switches.times, float(run.times[-1]), side="right"))
         switches = replace(switches, times=switches.times[:count].copy(), modes=switches.modes[:count].copy())
     return Trajectory(
-        name=problem.name,
-        mode=settings.describe(signal, problem),
-        labels=problem.network.labels,
-        t_final=setting.horizon,
+        **_facts(setting),
         seed=seed,
         goal=loop.goal.copy(),
         times=run.times,
@@ -246,12 +243,17 @@ def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | 
         method=run.method,
         evaluations=run.evaluations,
         notes=(*setting.notes, *run.notes, *(() if stress is None else (f"Stress: {stress}.",))),
-        signal=signal_to_json(signal),
-        observer=setting.observer,
-        stress="" if stress is None else settings.stress_to_json(stress),
         switches=switches,
         **parts,
     )
+
+
+def _facts(setting: Setting) -> dict[str, Any]:
+    """What one run and many say alike about what was asked for."""
+    problem, stress = setting.problem, "" if setting.stress is None else settings.stress_to_json(setting.stress)
+    facts = {"name": problem.name, "labels": problem.network.labels, "t_final": setting.horizon, "stress": stress}
+    facts |= {"mode": settings.describe(setting.signal, problem), "signal": signal_to_json(setting.signal)}
+    return facts | {"observer": setting.observer}
 
 
 def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progress | None) -> integrate.Outcome:
@@ -307,7 +309,7 @@ class _Collector:
         self.method = "DOP853, side by side"
 
     def run(self) -> Ensemble:
-        setting, stress, problem = self.setting, self.setting.stress, self.setting.problem
+        setting, stress = self.setting, self.setting.stress
         notes = [*setting.notes, *([] if stress is None else [f"Stress: {stress}."])]
         self.report(0.0)
         closed = settings.closed_form_of(setting) if stress is None and setting.observer != "full-loop" else None
@@ -323,10 +325,7 @@ class _Collector:
         diverged = np.zeros(self.runs, dtype=bool)
         diverged[list(self.reasons)] = True
         return Ensemble(
-            name=problem.name,
-            mode=settings.describe(setting.signal, problem),
-            labels=problem.network.labels,
-            t_final=setting.horizon,
+            **_facts(setting),
             seeds=setting.seed + np.arange(self.runs),
             times=setting.times,
             error=self.error,
@@ -338,9 +337,6 @@ class _Collector:
             goal=setting.loop.goal,
             method=self.method,
             notes=tuple(notes),
-            signal=signal_to_json(setting.signal),
-            observer=setting.observer,
-            stress="" if stress is None else settings.stress_to_json(stress),
             lengths=self.lengths,
             disturbances=self.disturbances,
         )

@@ -33,7 +33,7 @@ from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, mak
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
 from dobc_design.simulation.switches import Switches, groups_of, mode_index, motion_switches, scheduled_switches
-from dobc_design.simulation.trajectory import UnfitError, describing, read_arrays
+from dobc_design.simulation.trajectory import UnfitError, describing, read_arrays, require
 
 EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchange is given
 KINDS = ("vanish", "freeze")
@@ -225,8 +225,13 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
     sizes = {"x": (m, "component"), "xi": (q, "exosystem state"), "xihat": (q, "exosystem state")}
     parts = {name: value for name, value in _parts(given, n, sizes).items() if value is not None}
     rows = {name: _rows(value, f"start.{name}", n, *sizes[name]) for name, value in parts.items()}
-    for name in [name for name in ("xi", "xihat") if name in rows]:
-        _refuse_foreign(loop, name, rows[name])
+    others = np.zeros((n, q), dtype=bool) if loop.own is None else ~loop.own  # states that an agent does not have
+    for name in sorted(rows.keys() - {"x"}):
+        foreign = (rows[name] * others).any(axis=1)
+        if foreign.any():
+            message = f"must be 0 in the states that belong to other groups; row {int(foreign.argmax())} is not."
+            cure = "Each row holds the states of all groups, in the order of problem.groups."
+            raise wrong(f"start.{name}", message, cure)
     x, xi, xihat, radius = rows.get("x"), rows.get("xi"), rows.get("xihat", np.zeros((n, q))), 0.0
     if x is None and x0 is not None:
         x = np.array(np.broadcast_to(to_float(x0), (n, m)))
@@ -250,14 +255,6 @@ def _placed(rows: Sequence[Vector], loop: Loop) -> Array:
     for agent in range(loop.n):
         xi[agent, loop.own[agent]] = to_float((rows[agent if len(rows) > 1 else 0],))[0]
     return xi
-
-
-def _refuse_foreign(loop: Loop, name: str, rows: Array) -> None:
-    """No agent may start in a state of another group's exosystem, which it does not have."""
-    if loop.own is not None and rows[~loop.own].any():
-        agent = int(np.flatnonzero((rows * ~loop.own).any(axis=1))[0])
-        cure = "Each row holds the states of all groups, in the order of problem.groups."
-        raise wrong(f"start.{name}", f"must be 0 in the states that belong to other groups; row {agent} is not.", cure)
 
 
 def _parts(given: Given | None, n: int, sizes: Mapping[str, tuple[int, str]]) -> Mapping[str, Any]:
@@ -293,10 +290,9 @@ def _read(path: Path, n: int, sizes: Mapping[str, tuple[int, str]]) -> Mapping[s
     def fits(shapes: Mapping[str, tuple[int, ...]]) -> None:
         for name, shape in shapes.items():
             width, what = sizes[name]
-            if (shape[-2:] != (n, width) or len(shape) > 3) and shape not in ((n,) * (width == 1), (width,)):
-                raise UnfitError(f"{name} must have {n} rows of {width}, one number per {what}; got shape {shape}")
-        if not shapes:
-            raise UnfitError(f"it has none of the arrays {', '.join(PARTS)}")
+            known = (shape[-2:] == (n, width) and len(shape) <= 3) or shape in ((n,) * (width == 1), (width,))
+            require(known, f"{name} must have {n} rows of {width}, one number per {what}; got shape {shape}")
+        require(shapes, f"it has none of the arrays {', '.join(PARTS)}")
 
     cure = "Give a CSV file with one row of numbers per agent, or an .npz file with x, xi and xihat."
     with describing(path, key="start", what="start", cure=cure):
@@ -305,9 +301,8 @@ def _read(path: Path, n: int, sizes: Mapping[str, tuple[int, str]]) -> Mapping[s
             return {part: array[-1] if array.ndim == 3 else array for part, array in found.items()}
         rows = csv.reader(io.StringIO(read_bytes(path, what="start").decode("utf-8-sig"), newline=""), strict=True)
         cells = [(rows.line_num, row) for row in rows if row]
-        wrong = next(((line, cell) for line, row in cells for cell in row if not NUMBER.fullmatch(cell)), None)
-        if wrong is not None:
-            raise UnfitError(f"line {wrong[0]}: {shown(wrong[1])} is no number")
+        for line, cell in ((line, cell) for line, row in cells for cell in row if not NUMBER.fullmatch(cell)):
+            raise UnfitError(f"line {line}: {shown(cell)} is no number")
         return {"x": [list(map(float, row)) for _, row in cells]}
 
 

@@ -264,8 +264,7 @@ def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
     """One round in a given time: equal stays, or those of a schedule."""
     whole = own.period or Fraction(0)
     if own.schedule is None:
-        stay = _float(whole / len(own.sequence or names), "switching.period")
-        return Periodic(dwell=stay, order=own.sequence)
+        return Periodic(dwell=_float(whole / len(own.sequence or names), "switching.period"), order=own.sequence)
     ends = [*(time for time, _ in own.schedule[1:]), whole]
     stays = [_float(end - time, "switching.schedule") for (time, _), end in zip(own.schedule, ends, strict=True)]
     return Periodic(dwell=tuple(stays), order=tuple(mode for _, mode in own.schedule))

@@ -152,9 +152,8 @@ class Heard:
         self.block = BLOCK if runs.nearby is None else 1
         if runs.nearby is None:
             used = np.unique(np.concatenate([each.modes for each in runs.switches])).tolist()
-            self.modes: IndexArray = np.array(
-                [each.at(instants) for each in runs.switches], dtype=np.min_scalar_type(used[-1])
-            )
+            kind = np.min_scalar_type(used[-1])
+            self.modes: IndexArray = np.array([each.at(instants) for each in runs.switches], dtype=kind)
             self.learn({mode: Links(runs.groups(mode), loop.n, loop.m) for mode in used})
         else:
             self.modes, self.links = np.zeros((1, len(instants)), dtype=np.int64), dict[int, Links]()
@@ -280,8 +279,7 @@ class Loops:
         """The disturbance that no exosystem knows, (S, n m, k); nothing without one."""
         if not self.crew.stress.disturbance:
             return np.zeros((len(times), 0, len(runs)))
-        extra = self.crew.extra(times[:, None, None, :], self.alive[runs])
-        return extra.reshape(len(times), -1, len(runs))
+        return self.crew.extra(times[:, None, None, :], self.alive[runs]).reshape(len(times), -1, len(runs))
 
     def size(self, y: Array) -> Array:
         return np.asarray(np.abs(self.split(y)[0] - self.goal).max(axis=(0, 1)))

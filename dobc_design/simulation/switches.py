@@ -121,8 +121,7 @@ def _random(signal: RandomDwell, count: int, horizon: float, rng: np.random.Gene
     if signal.longest is None:
         times = signal.dwell * np.arange(most)
     else:
-        stays = rng.uniform(signal.dwell, signal.longest, size=most)
-        times = np.concatenate([[0.0], np.cumsum(stays)[:-1]])
+        times = np.concatenate([[0.0], np.cumsum(rng.uniform(signal.dwell, signal.longest, size=most))[:-1]])
     seen: Any = times < horizon
     return np.asarray(times[seen]), modes[seen]
 
@@ -177,14 +176,12 @@ def _nearest(positions: Array, count: int, hysteresis: float, kept: IndexArray) 
     if count < 1:
         return np.zeros(0, dtype=np.int64)
     _, found = cKDTree(positions).query(positions, k=min(n, count + 1))
-    agents = np.repeat(np.arange(n), found.shape[1])
-    codes = np.unique(np.concatenate([agents * n + found.ravel(), kept]))
+    codes = np.unique(np.concatenate([np.repeat(np.arange(n), found.shape[1]) * n + found.ravel(), kept]))
     listeners, speakers = codes // n, codes % n
     other = listeners != speakers
     codes, listeners, speakers = codes[other], listeners[other], speakers[other]
     distances = np.linalg.norm(positions[listeners] - positions[speakers], axis=1)
-    counted = distances - hysteresis * np.isin(codes, kept)
-    order = np.lexsort((codes, counted, listeners))
+    order = np.lexsort((codes, distances - hysteresis * np.isin(codes, kept), listeners))
     rank = np.arange(len(order)) - np.searchsorted(listeners[order], listeners[order])
     return np.sort(codes[order[rank < count]])
 
@@ -291,8 +288,7 @@ def motion_switches(signal: Mobile, motion: Waypoints, problem: Problem, horizon
         raise wrong("motion", message, "Give positions of shape (times, agents, coordinates).", kind=ShapeError)
     nearby, positions = Nearby(signal, problem, horizon), partial(motion.at, places=places)
     nearby.look(0.0, positions(0.0))
-    corners = np.unique(np.clip([0.0, *motion.times, horizon], 0.0, horizon))
-    for begin, end in pairwise(corners.tolist()):
+    for begin, end in pairwise(np.unique(np.clip([0.0, *motion.times, horizon], 0.0, horizon)).tolist()):
         looks = np.linspace(begin, end, LOOKS_OF_MOTION + 1)
         while (change := nearby.change(looks, positions)) is not None and change < horizon:
             nearby.look(change, positions(change))

@@ -255,7 +255,8 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
         return _made(json.loads(str(arrays.pop("about"))), arrays)
 
 
-def _require(holds: object, what: str) -> None:
+def require(holds: object, what: str) -> None:
+    """Raises: UnfitError, of a file for which this does not hold."""
     if not holds:
         raise UnfitError(what)
 
@@ -263,44 +264,44 @@ def _require(holds: object, what: str) -> None:
 def _require_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
     """The shapes of a trajectory's arrays must fit each other.  Raises: UnfitError."""
     missing = [name for name in (*STORED, *SAMPLED) if name not in shapes]
-    _require(not missing, f"it has no array {', '.join(missing)}")
-    _require(len(shapes["x"]) == len(shapes["xi"]) == 3, "x and xi must be samples of agents")
+    require(not missing, f"it has no array {', '.join(missing)}")
+    require(len(shapes["x"]) == len(shapes["xi"]) == 3, "x and xi must be samples of agents")
     (samples, n, m), q, switches = shapes["x"], shapes["xi"][2], shapes["switch_times"][:1]
     arcs, graphs = shapes["graph_arcs"][1:2], shapes["graph_sizes"][:1]
     wanted = {"times": (samples,), "goal": (n, m), "switch_modes": switches, "switch_times": switches, "about": ()}
     wanted |= dict.fromkeys(("d", "dhat", "u"), (samples, n, m)) | dict.fromkeys(("xi", "xihat"), (samples, n, q))
     wanted |= {"graph_arcs": (2, *arcs), "graph_sizes": graphs}
     wrong = [name for name, shape in wanted.items() if shapes[name] != shape]
-    _require(not wrong, f"the shapes of {', '.join(wrong)} do not fit that of x")
-    _require(min(samples, n, m, *switches), "it has no samples")
+    require(not wrong, f"the shapes of {', '.join(wrong)} do not fit that of x")
+    require(min(samples, n, m, *switches), "it has no samples")
 
 
 def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
     """The trajectory, if what the file says makes sense.  Raises: UnfitError."""
     known = isinstance(facts, dict) and facts.get("format") == FORMAT and facts.get("version") == VERSION
-    _require(known, f'it must say "format": "{FORMAT}", version {VERSION}')
+    require(known, f'it must say "format": "{FORMAT}", version {VERSION}')
     given: dict[str, Any] = {name: facts[name] for name in PLAIN if name in facts}
     for name, value in given.items():
         fits = type(value) is PLAIN[name] or (PLAIN[name] is float and type(value) is int)
-        _require(fits and math.isfinite(value if PLAIN[name] is float else 0), f"{name} is no {PLAIN[name].__name__}")
+        require(fits and math.isfinite(value if PLAIN[name] is float else 0), f"{name} is no {PLAIN[name].__name__}")
     lists = [facts[name] for name in ("labels", "notes", "modes")]
-    _require(all(type(each) is list for each in lists), "labels, notes and modes must be lists")
+    require(all(type(each) is list for each in lists), "labels, notes and modes must be lists")
     texts = [*(text for each in lists for text in each), *(text for text in given.values() if type(text) is str)]
     readable = all(type(text) is str and text.isprintable() for text in texts)
-    _require(readable, "a text in it is none, or holds control characters")
+    require(readable, "a text in it is none, or holds control characters")
     times, begins, modes = arrays["times"], arrays["switch_times"], arrays["switch_modes"]
     numbers, sizes, arcs = (arrays[name] for name in ("goal", "graph_sizes", "graph_arcs"))
     whole = all(each.dtype.kind in "iu" for each in (modes, sizes, arcs))
     real = all(arrays[name].dtype.kind == "f" for name in ("times", "goal", "switch_times", *SAMPLED))
-    _require(whole and real, "an array holds numbers of another kind")
-    _require(all(np.isfinite(each).all() for each in (times, begins, numbers)), "a time or a goal is not finite")
+    require(whole and real, "an array holds numbers of another kind")
+    require(all(np.isfinite(each).all() for each in (times, begins, numbers)), "a time or a goal is not finite")
     ordered = all((np.diff(each) > 0).all() for each in (times, begins)) and begins[0] <= times[0]
-    _require(ordered and given["t_final"] > 0, "its times do not increase")
+    require(ordered and given["t_final"] > 0, "its times do not increase")
     labels, names, n = facts["labels"], facts["modes"], len(numbers)
-    _require(len(set(labels)) == len(labels) == n, f"it must name {n} different agents")
-    _require(len(set(names)) == len(names) and modes.min() >= 0 and modes.max() < len(names), "it has no such mode")
-    _require(len(sizes) in (0, len(names)) and (sizes >= 0).all(), "its graphs are not those of its modes")
-    _require(sizes.sum() == arcs.shape[1] and ((arcs >= 0) & (arcs < n)).all(), "its arcs are not those of its agents")
+    require(len(set(labels)) == len(labels) == n, f"it must name {n} different agents")
+    require(len(set(names)) == len(names) and modes.min() >= 0 and modes.max() < len(names), "it has no such mode")
+    require(len(sizes) in (0, len(names)) and (sizes >= 0).all(), "its graphs are not those of its modes")
+    require(sizes.sum() == arcs.shape[1] and ((arcs >= 0) & (arcs < n)).all(), "its arcs are not those of its agents")
     graphs = tuple(part.copy() for part in np.split(arcs, np.cumsum(sizes)[:-1], axis=1)) if len(sizes) else ()
     switches = Switches(times=begins, modes=modes, names=tuple(names), graphs=graphs)
     given |= {name: arrays[name] for name in ("times", "goal", *SAMPLED)}
@@ -329,28 +330,25 @@ def describing(path: Path, *, key: str, what: str, cure: str) -> Iterator[None]:
 def read_arrays(
     path: Path, names: Sequence[str], fits: Callable[[Mapping[str, tuple[int, ...]]], None]
 ) -> dict[str, NDArray[Any]]:
-    """The arrays of an .npz file, those of ``names`` that are there; nothing is unpickled.
-
-    Sizes and shapes are read before the data: ``fits`` sees them, and may raise.  Unpacked, the arrays may take
-    LARGEST bytes, or as many as the file has.  Raises: what ``describing`` expects.
-    """
+    """The arrays of an .npz file, those of ``names`` that are there; nothing is unpickled.  Sizes and shapes are read
+    before the data: ``fits`` sees them, and may raise.  Unpacked, the arrays may take LARGEST bytes, or as many as the
+    file has.  Raises: what ``describing`` expects."""
     data = read_bytes(path, limit=LARGEST_FILE, what="file of arrays")
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
         listed = {each.filename.removesuffix(".npy"): each for each in archive.infolist()}
         chosen = {name: listed[name] for name in names if name in listed}
         total = sum(each.file_size for each in chosen.values())
-        if total > max(LARGEST, len(data)):
-            raise UnfitError(f"unpacked it would take {total} bytes; at most {LARGEST} are read")
+        require(total <= max(LARGEST, len(data)), f"unpacked it would take {total} bytes; at most {LARGEST} are read")
         shapes = {}
         for name, member in chosen.items():
             with archive.open(member) as stream:
                 version = np.lib.format.read_magic(stream)
                 heads = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
                 shapes[name], _, dtype = heads[version](stream)
-                if dtype.kind not in ("U" if name == "about" else "fiu"):
-                    raise UnfitError(f"{name} must be {'text' if name == 'about' else 'numbers'}")
-                if stream.tell() + math.prod(shapes[name]) * dtype.itemsize != member.file_size:
-                    raise UnfitError(f"{name} does not have the size that its head says")
+                kinds, what = ("U", "text") if name == "about" else ("fiu", "numbers")
+                require(dtype.kind in kinds, f"{name} must be {what}")
+                size = stream.tell() + math.prod(shapes[name]) * dtype.itemsize
+                require(size == member.file_size, f"{name} does not have the size that its head says")
         fits(shapes)
         found = {}
         for name, member in chosen.items():
@@ -432,9 +430,7 @@ def quantile_interval(values: Array, level: float, confidence: float) -> tuple[f
     below = bdtr(np.arange(count), count, level)  # P(at most k values lie below the quantile)
     low = int(np.searchsorted(below, tail, side="right")) - 1
     high = int(np.searchsorted(below, 1 - tail, side="left"))
-    if low < 0 or high >= count:
-        return None
-    return float(ordered[low]), float(ordered[high])
+    return None if low < 0 or high >= count else (float(ordered[low]), float(ordered[high]))
 
 
 def proportion_interval(successes: int, count: int, confidence: float) -> tuple[float, float]:

@@ -54,8 +54,7 @@ class Basis:
 
     def traces(self, M: Array) -> Array:
         """tr(E M) for every unit matrix E of the basis, M any (n, n)."""
-        values = (M[self.rows, self.columns] + M[self.columns, self.rows]) * self._weights
-        return self._tie(values)
+        return self._tie((M[self.rows, self.columns] + M[self.columns, self.rows]) * self._weights)
 
     def products(self, M: Array, N: Array) -> Array:
         """p_i q_j + p_j q_i of every unit matrix (i, j) and column p of M, q of N: p'E q, (size, columns)."""
@@ -100,12 +99,9 @@ def make_basis(n: int, shape: str) -> Basis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Block:
-    """One matrix inequality F > 0 of N rows; see above.
-
-    ``plain``: a multiple of Y that is added (then N = n, and Y occurs in no other way).
-    ``sides``: L and R (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs`` (k,), ``scalars`` (k,):
-    which scalar multiplies which column; ``dense``: scalar -> M_k (N, N).
-    """
+    """One matrix inequality F > 0 of N rows; see above.  ``plain``: a multiple of Y that is added (then N = n, and Y
+    occurs in no other way). ``sides``: L and R (N, n), or None where Y does not occur.  ``columns`` (N, k), ``signs``
+    (k,), ``scalars`` (k,): which scalar multiplies which column; ``dense``: scalar -> M_k (N, N)."""
 
     constant: Array
     plain: float = 0.0
@@ -266,8 +262,7 @@ def _add_block(block: Block, basis: Basis, G: Array, gradient: Array, hessian: A
         hessian[:size, :size] += 2 * basis.quadratic((b, b), (L.T @ GL, R.T @ GR))
     if block.columns is not None:
         _add_columns(block, block.columns, basis, G, gradient, hessian)
-    dense = [(k, G @ M @ G) for k, M in block.dense.items()]
-    for k, GMG in dense:
+    for k, GMG in [(k, G @ M @ G) for k, M in block.dense.items()]:
         gradient[size + k] -= float(np.sum(G * block.dense[k]))
         for l, M in block.dense.items():  # noqa: E741  k, l as in matrix entries
             hessian[size + k, size + l] += float(np.sum(GMG * M))

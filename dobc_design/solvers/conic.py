@@ -48,10 +48,8 @@ class Cone:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ConeAnswer:
-    """What Clarabel answered; without a point x is empty.  x (k,), multipliers (all rows,).
-
-    ``status`` is the solver's own word ("Solved", "PrimalInfeasible", ...), or begins with FAILED.
-    """
+    """What Clarabel answered; without a point x is empty.  x (k,), multipliers (all rows,).  ``status`` is the solver's
+    own word ("Solved", "PrimalInfeasible", ...), or begins with FAILED."""
 
     status: str
     x: Array = field(default_factory=lambda: np.zeros(0))
@@ -72,10 +70,8 @@ def solve_cones(
     time_limit: float = math.inf,
     accuracy: float | None = None,
 ) -> ConeAnswer:
-    """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel; ``time_limit`` in s.
-
-    Returns: an answer without values where the solver fails in any way; it never raises for that.
-    """
+    """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel; ``time_limit`` in s.  Returns:
+    an answer without values where the solver fails in any way; it never raises for that."""
     import clarabel
 
     def kind(cone: Cone) -> Any:
@@ -84,8 +80,7 @@ def solve_cones(
             return clarabel.PSDTriangleConeT(_order(size))
         return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
 
-    dense = all(isinstance(each.rows, np.ndarray) for each in cones)
-    stack = np.vstack if dense else sparse.vstack
+    stack = np.vstack if all(isinstance(each.rows, np.ndarray) for each in cones) else sparse.vstack
     try:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
@@ -265,11 +260,9 @@ def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
 def climb(
     programs: Iterable[tuple[Program, T]], *, time_limit: float = TIME_LIMIT
 ) -> Iterator[tuple[Solution, T, str]]:
-    """Solve each program by Clarabel and, where that gave no point for one of them, by SCS through cvxpy.
-
-    Returns: the answer (perhaps without values), the label, and how it came about: "" for Clarabel, else such as
-    "by SCS, after Clarabel gave no point (MaxTime)".
-    """
+    """Solve each program by Clarabel and, where that gave no point for one of them, by SCS through cvxpy.  Returns: the
+    answer (perhaps without values), the label, and how it came about: "" for Clarabel, else such as "by SCS, after
+    Clarabel gave no point (MaxTime)"."""
     source = iter(programs)
     asked: list[tuple[Program, T]] = []
     trouble: str | None = None

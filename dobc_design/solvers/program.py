@@ -68,10 +68,8 @@ def without_values(status: str, *, solver: str) -> Solution:
 
 
 def is_solver_failure(error: BaseException) -> bool:
-    """Whether an exception out of a solver means that it gave up, not that the program is to stop.
-
-    A panic inside a solver written in Rust arrives as a BaseException that cannot be imported: it is known by name.
-    """
+    """Whether an exception out of a solver means that it gave up, not that the program is to stop.  A panic inside a
+    solver written in Rust arrives as a BaseException that cannot be imported: it is known by name."""
     ordinary = isinstance(error, Exception) and not isinstance(error, MemoryError)
     return ordinary or type(error).__name__ == "PanicException"
 

@@ -99,10 +99,8 @@ class Axis:
 
 
 def read_axes(over: Mapping[str, Any] | Sequence[str]) -> tuple[Axis, ...]:
-    """Axes from texts "KEY=VALUES", or from a mapping key -> values (text as typed, or a sequence).
-
-    Raises: SpecError that names every wrong axis.
-    """
+    """Axes from texts "KEY=VALUES", or from a mapping key -> values (text as typed, or a sequence).  Raises: SpecError
+    that names every wrong axis."""
     given = list(over.items()) if isinstance(over, Mapping) else [split_axis(text) for text in over]
     if not given:
         cure = "For example pinning.gains.1=1:5:9."
@@ -235,10 +233,8 @@ def path_text(path: Path) -> str:
 
 
 def with_changes(document: Mapping[str, Any], changes: Mapping[Path, Any]) -> dict[str, Any]:
-    """A copy of the document with these places set; None removes a key.  Tables on the way are made.
-
-    Raises: SpecError where a path leads through something that is no table and no list.
-    """
+    """A copy of the document with these places set; None removes a key.  Tables on the way are made.  Raises: SpecError
+    where a path leads through something that is no table and no list."""
     changed: dict[str, Any] = copy.deepcopy(dict(document))
     for path, value in changes.items():
         _set(changed, path, copy.deepcopy(value))
@@ -335,10 +331,8 @@ def number_of(text: str) -> float | None:
 
 
 def split(text: str) -> list[str]:
-    """The parts between commas that stand outside brackets and quotes; none of them may be empty.
-
-    Raises: SpecError.
-    """
+    """The parts between commas that stand outside brackets and quotes; none of them may be empty.  Raises:
+    SpecError."""
     parts = [part.strip() for part in _parts(text)] if text.strip() else []
     if not all(parts):
         cure = "Drop the comma, or add it."

@@ -62,10 +62,8 @@ _ORDER = ("everywhere", "box", "ball", "near", "none")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What is done with every case: "certify", with ``everything`` as there, or "simulate" with ``runs`` runs.
-
-    Raises: SpecError for another kind, or options of the other one.
-    """
+    """What is done with every case: "certify", with ``everything`` as there, or "simulate" with ``runs`` runs.  Raises:
+    SpecError for another kind, or options of the other one."""
 
     kind: str = "certify"
     everything: bool = False
@@ -136,9 +134,7 @@ def _facts(certificate: Certificate) -> dict[str, Any]:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
     """All cases of a sweep: the grid of the listed values (last axis fastest), ``samples`` draws at each point.
-
-    ``tables`` are those of a problem file, ``folder`` the place of its arc files.
-    """
+    ``tables`` are those of a problem file, ``folder`` the place of its arc files."""
 
     name: str
     tables: Mapping[str, Any]

@@ -48,12 +48,9 @@ DTYPES = {"text": "string", "number": "float64", "truth": "boolean", "count": "I
 
 
 class Journal:
-    """An open journal; ``done`` holds the lines of cases by number, those from earlier runs included.
-
-    Use it as a context: the folder is locked until it is left; without a folder nothing is written.
-    Raises: SpecError for a folder of another sweep, or one at which another process is at work; CertificateError when
-    the machine refuses.
-    """
+    """An open journal; ``done`` holds the lines of cases by number, those from earlier runs included.  Use it as a
+    context: the folder is locked until it is left; without a folder nothing is written. Raises: SpecError for a folder
+    of another sweep, or one at which another process is at work; CertificateError when the machine refuses."""
 
     def __init__(self, folder: Path | None, plan: Plan, *, anew: bool = False) -> None:
         self.folder, self.plan = folder, plan

@@ -185,11 +185,8 @@ def within(limit: float | None, work: Callable[[], Result]) -> Result:
 
 
 def run_case(plan: Plan, case: int, limit: float | None = None) -> Outcome:
-    """Build and do one case within ``limit`` seconds; the line of the journal.
-
-    Whatever goes wrong in a case is its result: a wrong problem, a solver, a lack of memory.  Never raises but for
-    interrupts.
-    """
+    """Build and do one case within ``limit`` seconds; the line of the journal.  Whatever goes wrong in a case is its
+    result: a wrong problem, a solver, a lack of memory.  Never raises but for interrupts."""
     plan.task.prepare()
     started = time.perf_counter()
     found: Outcome = {}
@@ -231,11 +228,8 @@ def _too_long(limit: float | None) -> dict[str, Any]:
 def outcomes(
     plan: Plan, cases: Sequence[int], *, jobs: int | None, cluster: str | None, limit: float | None
 ) -> Iterator[Outcome]:
-    """The lines of the cases by joblib, each as soon as it is there.
-
-    When a worker dies, or hangs in a library, what was in hand is done again one by one; only a case that ends so on
-    its own is given up, and recorded.
-    """
+    """The lines of the cases by joblib, each as soon as it is there.  When a worker dies, or hangs in a library, what
+    was in hand is done again one by one; only a case that ends so on its own is given up, and recorded."""
     from joblib import Parallel, cpu_count, delayed, parallel_config
 
     if not cases:
@@ -307,9 +301,7 @@ def _begin_worker(parent: int) -> None:
 @contextmanager
 def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
     """What joblib is to work with: processes of this machine, a Dask cluster at an address, or "local": one begun here.
-
-    Raises: SpecError without the extra "cluster" or a scheduler at that address, and for workers of another version.
-    """
+    Raises: SpecError without the extra "cluster" or a scheduler at that address, and for workers of another version."""
     if cluster is None:
         yield {"backend": "loky", "inner_max_num_threads": 1}
         return
@@ -345,12 +337,10 @@ def _version() -> str:
 
 
 class Clock:
-    """How long the rest takes, as an interval.
-
-    Cases are done in a shuffled order, so that those behind are a random sample of those ahead.  With k durations of
-    mean a and variance s2, and R cases ahead, the work ahead has mean R a and variance R s2 + R^2 s2 / k; divided by
-    the number of cases that run at once, as it was seen, this is the time left.
-    """
+    """How long the rest takes, as an interval.  Cases are done in a shuffled order, so that those behind are a random
+    sample of those ahead.  With k durations of mean a and variance s2, and R cases ahead, the work ahead has mean R a
+    and variance R s2 + R^2 s2 / k; divided by the number of cases that run at once, as it was seen, this is the time
+    left."""
 
     def __init__(self) -> None:
         self.count, self.total, self.squares = 0, 0.0, 0.0

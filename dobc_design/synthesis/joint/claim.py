@@ -38,13 +38,11 @@ NO_LIMITS = "no limits, and every agent may be pinned"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignRequest:
-    """What W and the gains k_i have to do together, so that everything the problem asks is proved.
-
-    ``rate`` (1/s): the certified rate has to be at least that; None leaves it open.  ``allowed``: agent indices,
-    rising.  ``caps``: the largest k_i (1/s) of agents that have one.  ``pins``: at most so many agents, None for as few
-    as it takes.  ``noise``: bounds on norms of the observer.  ``digits``: significant digits of W and of the gains.
-    ``reduce``: an exosystem that C does not see whole may be replaced by its observable part.
-    """
+    """What W and the gains k_i have to do together, so that everything the problem asks is proved.  ``rate`` (1/s): the
+    certified rate has to be at least that; None leaves it open.  ``allowed``: agent indices, rising.  ``caps``: the
+    largest k_i (1/s) of agents that have one.  ``pins``: at most so many agents, None for as few as it takes.
+    ``noise``: bounds on norms of the observer.  ``digits``: significant digits of W and of the gains. ``reduce``: an
+    exosystem that C does not see whole may be replaced by its observable part."""
 
     rate: Fraction | None
     allowed: tuple[int, ...]
@@ -228,11 +226,9 @@ class TradeOff(Shown):
         try:
             import pandas as pd
         except ImportError:
-            raise SpecError(
-                "to_pandas needs the package pandas, which is not installed.",
-                key="pandas",
-                cure="Install it (pip install dobc_design[store]), or use the points themselves.",
-            ) from None
+            message = "to_pandas needs the package pandas, which is not installed."
+            cure = "Install it (pip install dobc_design[store]), or use the points themselves."
+            raise SpecError(message, key="pandas", cure=cure) from None
         rows = [(p.x, p.y, ", ".join(p.pinned), p.proved, p is self.chosen) for p in self._all()]
         return pd.DataFrame(rows, columns=[self.x_name, self.y_name, "pinned", "proved", "chosen"])
 

@@ -104,8 +104,7 @@ class Ground:
     def pinning(self, rate: Fraction, agents: Sequence[int], pins: int | str | None = None) -> PinningDesign:
         """The cheapest gains on these agents near the consensus."""
         own: dict[str, Any] = {"caps": self.request.caps, "digits": self.request.digits, "pins": pins}
-        costs = (Fraction(1),) * self.problem.n
-        request = PinningRequest(rate=rate, allowed=tuple(agents), costs=costs, **own)
+        request = PinningRequest(rate=rate, allowed=tuple(agents), costs=(Fraction(1),) * self.problem.n, **own)
         return search_pinning(self.problem, request, self.progress)
 
     def nothing(
@@ -269,8 +268,7 @@ def _weaker(problem: Problem, request: DesignRequest, found: Design) -> Iterator
     if slower is not None:
         yield slower, NEAREST
     without = replace(request, pins=None), replace(request, caps={}), replace(request, noise=())
-    everybody = replace(request, allowed=tuple(range(problem.n)))
-    for weaker in (*without[:2], everybody, *without[2:]):
+    for weaker in (*without[:2], replace(request, allowed=tuple(range(problem.n))), *without[2:]):
         if weaker != request:
             yield weaker, HALF
 

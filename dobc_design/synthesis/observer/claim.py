@@ -143,11 +143,9 @@ class NoiseLimit(_Asked):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObserverRequest:
-    """What a gain W has to do.  Absent limits are None or empty.
-
-    ``rate`` (1/s): every eigenvalue has Re <= -rate.  ``regions``: where else the spectrum must lie.  ``noise``: bounds
-    on norms.  ``digits``: significant digits of W.  ``period`` (s): sampled observer.
-    """
+    """What a gain W has to do.  Absent limits are None or empty.  ``rate`` (1/s): every eigenvalue has Re <= -rate.
+    ``regions``: where else the spectrum must lie.  ``noise``: bounds on norms.  ``digits``: significant digits of W.
+    ``period`` (s): sampled observer."""
 
     rate: Fraction | None = None
     regions: tuple[SpectralRegion, ...] = ()

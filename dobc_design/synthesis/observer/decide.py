@@ -24,10 +24,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact import interval as exponential
 from dobc_design.exact import polynomial as roots
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.interval import (
-    Interval,
-    exp,
-)
+from dobc_design.exact.interval import Interval, exp
 from dobc_design.exact.matrix import (
     Matrix,
     add,
@@ -48,17 +45,7 @@ from dobc_design.exact.reading import shown_number
 from dobc_design.problem.changes import value_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.observer.claim import (
-    CHANNELS,
-    Cone,
-    Disk,
-    Envelope,
-    HalfPlane,
-    NoiseLimit,
-    ObserverRequest,
-    SpectralRegion,
-    common_interval,
-)
+from dobc_design.synthesis.observer import claim
 from dobc_design.verdict import Verdict
 
 BISECTIONS = 40
@@ -66,7 +53,7 @@ WIDENINGS = (1e-9, 1e-7, 1e-5, 1e-3)
 LARGEST_ORDER = 12  # beyond it exact norms take too long to be had by the way
 
 
-def gain_statements(exosystem: Exosystem, W: Matrix, request: ObserverRequest) -> tuple[Statement, ...]:
+def gain_statements(exosystem: Exosystem, W: Matrix, request: claim.ObserverRequest) -> tuple[Statement, ...]:
     """Everything that the request asks of W (q, m), decided for W exactly."""
     noise = [noise_statement(exosystem, W, limit) for limit in request.noise]
     if request.period is not None:
@@ -78,24 +65,24 @@ def gain_statements(exosystem: Exosystem, W: Matrix, request: ObserverRequest) -
     return hurwitz_statement(F), *rate, *regions, *noise
 
 
-def image(region: SpectralRegion, polynomial: Coefficients) -> Coefficients:
+def image(region: claim.SpectralRegion, polynomial: Coefficients) -> Coefficients:
     """A polynomial that has no root with positive real part iff the roots of a monic one lie in the closed region."""
-    if isinstance(region, Disk):
+    if isinstance(region, claim.Disk):
         return roots.disk_image(polynomial, centre=region.centre, radius=region.radius)
-    if isinstance(region, Cone):
+    if isinstance(region, claim.Cone):
         return roots.cone_image(polynomial, damping=region.damping)
     if region.left_of is not None:
         return roots.shifted(polynomial, region.left_of)
     return roots.reflected(roots.shifted(polynomial, region.right_of or Fraction(0)))
 
 
-def roots_inside(polynomial: Coefficients, region: SpectralRegion) -> tuple[bool, bool]:
+def roots_inside(polynomial: Coefficients, region: claim.SpectralRegion) -> tuple[bool, bool]:
     """Whether every root lies in the closed region, and whether in its interior: exact."""
-    degree = (len(polynomial) - 1) * (2 if isinstance(region, Cone) else 1)
+    degree = (len(polynomial) - 1) * (2 if isinstance(region, claim.Cone) else 1)
     return roots.decide_images((image(region, polynomial),), degree=degree)
 
 
-def region_statement(F: Matrix, region: SpectralRegion, *, kind: str = "region") -> Statement:
+def region_statement(F: Matrix, region: claim.SpectralRegion, *, kind: str = "region") -> Statement:
     """State whether the spectrum of F = A - W C lies in a closed region."""
     polynomial = characteristic_polynomial(F)
     inside, strictly = roots_inside(polynomial, region)
@@ -117,20 +104,17 @@ def hurwitz_statement(F: Matrix) -> Statement:
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
     """Whether every eigenvalue of F has a real part <= -rate, the border included."""
-    return roots_inside(characteristic_polynomial(F), HalfPlane(left_of=-rate))[0]
+    return roots_inside(characteristic_polynomial(F), claim.HalfPlane(left_of=-rate))[0]
 
 
 def damping_holds(F: Matrix, damping: Fraction) -> bool:
     """Whether the damping ratio of F is at least ``damping``: exact; false outside (0, 1)."""
-    return 0 < damping < 1 and roots_inside(characteristic_polynomial(F), Cone(damping=damping))[0]
+    return 0 < damping < 1 and roots_inside(characteristic_polynomial(F), claim.Cone(damping=damping))[0]
 
 
 def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponential.IntervalMatrix:
-    """Enclose Ad - W Cd, with Ad = exp(A T) and Cd = C (1/T) int_0^T exp(A s) ds.
-
-    The sampled observer works with means over a period: (x_(k+1) - x_k)/T less the mean of couplings and inputs is
-    Cd xi_k.
-    """
+    """Enclose Ad - W Cd, with Ad = exp(A T) and Cd = C (1/T) int_0^T exp(A s) ds.  The sampled observer works with
+    means over a period: (x_(k+1) - x_k)/T less the mean of couplings and inputs is Cd xi_k."""
     found = exponential.discretise(exosystem.A, period)
     q = exosystem.order
     zero = Interval.point(0)
@@ -141,7 +125,7 @@ def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponen
 
 
 def sampled_statements(
-    exosystem: Exosystem, W: Matrix, *, period: Fraction, rate: Fraction | None, regions: Sequence[SpectralRegion]
+    exosystem: Exosystem, W: Matrix, *, period: Fraction, rate: Fraction | None, regions: Sequence[claim.SpectralRegion]
 ) -> tuple[Statement, ...]:
     """Schur stability of the sampled error, its rate (|z| <= exp(-rate T)) and disks; UNDECIDED close to a border."""
     polynomial = exponential.interval_characteristic_polynomial(sampled_matrix(exosystem, W, period))
@@ -151,7 +135,7 @@ def sampled_statements(
         text = f"the sampled error decays at the rate {shown_number(rate)} 1/s or faster"
         asked.append(("rate", text, Fraction(0), exp(Interval.point(-rate * period))))
     for region in regions:
-        if isinstance(region, Disk):
+        if isinstance(region, claim.Disk):
             text = f"every eigenvalue of the sampled error lies in {region}".replace("|s", "|z")
             asked.append(("region", text, region.centre, Interval.point(region.radius)))
     shown = {"period": number_text(period), "width": f"{float_above(max(x.width for x in polynomial)):.1e}"}
@@ -178,8 +162,8 @@ class StateSpace:
 
 def channel(exosystem: Exosystem, W: Matrix, name: str) -> StateSpace:
     """The transfer function of one channel, exactly.  Raises: SpecError for a name that is none of CHANNELS."""
-    if name not in CHANNELS:
-        raise SpecError(f"channel must be one of {', '.join(CHANNELS)}; got {name!r}.", key="channel")
+    if name not in claim.CHANNELS:
+        raise SpecError(f"channel must be one of {', '.join(claim.CHANNELS)}; got {name!r}.", key="channel")
     F, C = error_matrix(exosystem, W), exosystem.C
     if name == "measurement":
         return StateSpace(F=F, B=W, C=multiply(C, F), D=multiply(C, W))
@@ -225,7 +209,7 @@ def root_above(square: Fraction) -> float:
     return root
 
 
-def noise_statement(exosystem: Exosystem, W: Matrix, limit: NoiseLimit) -> Statement:
+def noise_statement(exosystem: Exosystem, W: Matrix, limit: claim.NoiseLimit) -> Statement:
     """State whether a norm keeps its limit (H-infinity: stays below it)."""
     system, exact = channel(exosystem, W, limit.channel), dict[str, str]()
     if limit.norm == "h2":
@@ -244,7 +228,7 @@ def size_above(W: Matrix) -> float:
     return root_above(sum((x * x for row in W for x in row), Fraction(0)))
 
 
-def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: Envelope) -> Statement | None:
+def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: claim.Envelope) -> Statement | None:
     """|eps(t)| <= root(upper / lower) exp(-rate t) |eps(0)|, if F'P + P F + 2 rate P <= 0 and the bounds of P hold."""
     P, F, q = envelope.P, error_matrix(exosystem, W), exosystem.order
     if envelope.lower <= 0 or not is_symmetric(P):
@@ -273,7 +257,7 @@ def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, flo
             result[name] = found
     if "peak" in estimates:
         result["peak_seen"] = estimates["peak"]
-    for name in CHANNELS if exosystem.order <= LARGEST_ORDER else ():
+    for name in claim.CHANNELS if exosystem.order <= LARGEST_ORDER else ():
         system = channel(exosystem, W, name)
         square = h2_squared(system)
         result[f"h2 {name}"] = math.inf if square is None else root_above(square)
@@ -284,7 +268,7 @@ def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, flo
     return result
 
 
-def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
+def why_impossible(exosystem: Exosystem, request: claim.ObserverRequest) -> Statement | None:
     """A proof that no W meets a request, or None; its kind says what fails: detectable, rate, region or noise."""
     found = decide_detectable(exosystem.A, exosystem.C)
     hidden, regions = found.unobservable_text, request.all_regions
@@ -299,7 +283,7 @@ def why_impossible(exosystem: Exosystem, request: ObserverRequest) -> Statement 
             text = f"no W meets {region}: C does not see the part {hidden} of the exosystem, so no gain moves its"
             text += " eigenvalues, and they lie outside."
             return refuted("region" if position else "rate", text, polynomial=hidden)
-    common = common_interval(regions)
+    common = claim.common_interval(regions)
     if common is None or (common[0] is not None and common[0] >= 0):
         names = " and ".join(str(region) for region in regions)
         return refuted("region", f"no W exists: no point with Re s < 0 lies in {names}.")
@@ -350,12 +334,9 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     return low or None
 
 
-def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | None:
-    """At an eigenvalue s of A with C v != 0 the estimate follows exactly: C (sI - F)^-1 W C v = C v.
-
-    So for Re s >= 0 (maximum principle) no W has a disturbance channel of norm below 1, or a measurement channel
-    below |s|.
-    """
+def _too_quiet(exosystem: Exosystem, request: claim.ObserverRequest) -> Statement | None:
+    """At an eigenvalue s of A with C v != 0 the estimate follows exactly: C (sI - F)^-1 W C v = C v.  So for Re s >= 0
+    (maximum principle) no W has a disturbance channel of norm below 1, or a measurement channel below |s|."""
     A = observable_reduction(exosystem.A, exosystem.C)[0]
     polynomial = characteristic_polynomial(A) if A else (Fraction(1),)
     if len(polynomial) < 2 or roots.routh(polynomial).verdict is Verdict.PROVED:
@@ -363,7 +344,7 @@ def _too_quiet(exosystem: Exosystem, request: ObserverRequest) -> Statement | No
     # If none decays, all eigenvalues count, and one of them is not inside the open disk of the bound.
     none_decays = roots.count_right_half_plane(roots.reflected(polynomial)) == 0
     for limit in (each for each in request.noise if each.norm == "hinf"):
-        because, disk = "", Disk(centre=0, radius=limit.bound)
+        because, disk = "", claim.Disk(centre=0, radius=limit.bound)
         if limit.channel == "disturbance" and limit.bound <= 1:
             because = "own disturbances exactly, which takes the gain 1"
         elif limit.channel == "measurement" and none_decays and not roots_inside(polynomial, disk)[1]:

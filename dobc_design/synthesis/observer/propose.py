@@ -33,17 +33,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, round_matrix
-from dobc_design.synthesis.observer.claim import (
-    CHANNELS,
-    Cone,
-    Disk,
-    Envelope,
-    HalfPlane,
-    NoiseLimit,
-    ObserverRequest,
-    SpectralRegion,
-    common_interval,
-)
+from dobc_design.synthesis.observer import claim
 from dobc_design.synthesis.observer.decide import channel
 from dobc_design.verdict import Verdict
 
@@ -64,11 +54,11 @@ class Plant:
     A: Array
     C: Array
     T: Array
-    regions: tuple[SpectralRegion, ...]
+    regions: tuple[claim.SpectralRegion, ...]
     sampled: bool
 
 
-def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tuple[Matrix, str]]:
+def propose_gains(exosystem: Exosystem, request: claim.ObserverRequest) -> Iterator[tuple[Matrix, str]]:
     """Rational W (q, m) and how each came about; numbers beyond the floats leave only the exact placement."""
     with suppress(*GIVEN_UP):
         plant, found = make_plant(exosystem, request), []
@@ -81,7 +71,7 @@ def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tu
             if digits > request.digits:
                 yield round_matrix(plant.T.T @ W, digits), f"{source}, with {digits} digits"
     if request.period is None:  # all observable poles at one real point, in units in which the numbers are near 1
-        low, high = common_interval(request.all_regions) or (None, None)
+        low, high = claim.common_interval(request.all_regions) or (None, None)
         high = Fraction(0) if high is None else high
         point = high - max(Fraction(1), abs(high) / 10) if low is None else (low + high) / 2
         time, output = propose.natural_units(exosystem, rate=abs(point))
@@ -90,7 +80,7 @@ def propose_gains(exosystem: Exosystem, request: ObserverRequest) -> Iterator[tu
             yield scale(time / output, placed), "exact pole placement"
 
 
-def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
+def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
     """The pair in floats, sampled if there is a period.  Raises: SpecError if a number is beyond the floats."""
     A, C = to_float(exosystem.A), to_float(exosystem.C)
     regions = request.all_regions
@@ -101,7 +91,7 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
         rate = float(request.rate if request.rate is not None else propose.half_rate(A, C, propose.kalman_gain(A, C)))
         A, C = block[:q, :q], C @ block[:q, q:] / period
         radius = Fraction(math.exp(-rate * period))
-        regions = (Disk(centre=0, radius=radius.limit_denominator(10**15)), *request.regions)
+        regions = (claim.Disk(centre=0, radius=radius.limit_denominator(10**15)), *request.regions)
     T = np.eye(len(A))
     if decide_observable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
         rows = observable_reduction(exosystem.A, exosystem.C)[2]
@@ -109,7 +99,7 @@ def make_plant(exosystem: Exosystem, request: ObserverRequest) -> Plant:
     return Plant(A=T @ A @ T.T, C=C @ T.T, T=T, regions=regions, sampled=request.period is not None)
 
 
-def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]]:
+def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array, str]]:
     """Gains for the regions with the smallest |W| of what the methods give first; then those for bounds on noise."""
     inequalities = "linear matrix inequalities"
     rates = [Fraction(0)]  # to be added where none was asked: half that of the Kalman gain, then smaller ones
@@ -117,8 +107,8 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
     if rate and request.rate is None and not plant.sampled:
         rates = [*(rate / 2**k for k in range(STEPS if request.noise else 1)), Fraction(0)]
     for rate in rates:
-        regions = (HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
-        if common_interval(regions) is None:
+        regions = (claim.HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
+        if claim.common_interval(regions) is None:
             continue
         answers = (lmi_gain(plant.A, plant.C, regions, slack=slack) for slack in SLACKS)
         found = [(W, inequalities) for W in answers if W is not None]
@@ -134,13 +124,16 @@ def _gains(plant: Plant, request: ObserverRequest) -> Iterator[tuple[Array, str]
 
 
 def lmi_gain(
-    A: Array, C: Array, regions: Sequence[SpectralRegion], *, noise: Sequence[NoiseLimit] = (), slack: float = 1e-6
+    A: Array,
+    C: Array,
+    regions: Sequence[claim.SpectralRegion],
+    *,
+    noise: Sequence[claim.NoiseLimit] = (),
+    slack: float = 1e-6,
 ) -> Array | None:
-    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.
-
-    Shapes: A (q, q) in 1/s, C (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units of the
-    fastest rate in play, so that an H-infinity norm of the exosystem channel is so many times as large.
-    """
+    """W = P^-1 Q (q, m) with the least tr P + |Q|^2 subject to the inequalities, or None.  Shapes: A (q, q) in 1/s, C
+    (m, q).  ``slack`` keeps the answer inside, relative to P.  Time is in units of the fastest rate in play, so that an
+    H-infinity norm of the exosystem channel is so many times as large."""
     q, m = C.shape[1], C.shape[0]
     ends = [abs(float(x)) for region in regions for x in region.real_ends if x is not None]
     time = max(1e-12, float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)), *ends)
@@ -185,14 +178,13 @@ def _pencils(blocks: Callable[..., list[Array]], unknowns: tuple[Unknown, ...]) 
     return tuple(result)
 
 
-def _region_block(M: Array, P: Array, region: SpectralRegion, *, time: float, slack: float) -> Array:
-    if isinstance(region, Disk):
+def _region_block(M: Array, P: Array, region: claim.SpectralRegion, *, time: float, slack: float) -> Array:
+    if isinstance(region, claim.Disk):
         x, r = float(region.centre) / time, float(region.radius) / time
         return np.block([[(slack - r) * P, M - x * P], [(M - x * P).T, (slack - r) * P]])
-    if isinstance(region, Cone):
+    if isinstance(region, claim.Cone):
         z = float(region.damping)
-        s = math.sqrt(1 - z * z)
-        symmetric, skew = s * (M + M.T) + slack * P, z * (M - M.T)
+        symmetric, skew = math.sqrt(1 - z * z) * (M + M.T) + slack * P, z * (M - M.T)
         return np.block([[symmetric, skew], [skew.T, symmetric]])
     low, high = region.real_ends
     if high is not None:
@@ -200,7 +192,7 @@ def _region_block(M: Array, P: Array, region: SpectralRegion, *, time: float, sl
     return -(M + M.T) + (slack + 2 * float(low or 0) / time) * P
 
 
-def _noise_blocks(M: Array, P: Array, Q: Array, C: Array, limit: NoiseLimit, *, time: float) -> list[Array]:
+def _noise_blocks(M: Array, P: Array, Q: Array, C: Array, limit: claim.NoiseLimit, *, time: float) -> list[Array]:
     m, bound, exosystem = len(C), float(limit.bound), limit.channel == "exosystem"
     if limit.channel == "measurement":
         return []
@@ -215,16 +207,16 @@ def _noise_blocks(M: Array, P: Array, Q: Array, C: Array, limit: NoiseLimit, *, 
 
 
 def kalman_gains(
-    A: Array, C: Array, regions: Sequence[SpectralRegion], *, sampled: bool
+    A: Array, C: Array, regions: Sequence[claim.SpectralRegion], *, sampled: bool
 ) -> Iterator[tuple[Array, str]]:
     """The Kalman gain with unit weights, then those of A + shift I, or of A / radius, which decay faster."""
     tried = [(propose.kalman_gain(A, C, sampled=sampled), 1.0, "Kalman gain with unit weights")]
     if sampled:
-        radius = min((float(r.radius) for r in regions if isinstance(r, Disk) and not r.centre), default=1.0)
+        radius = min((float(r.radius) for r in regions if isinstance(r, claim.Disk) and not r.centre), default=1.0)
         for size in (radius * 1.0, radius * 0.95, radius * 0.7):
             tried.append((propose.kalman_gain(A / size, C, sampled=True), size, "Kalman gain of A / exp(-rate T)"))
     else:
-        common = common_interval(tuple(regions))
+        common = claim.common_interval(tuple(regions))
         rate = 0.0 if common is None or common[1] is None else -float(common[1])
         for shift in SHIFTS if rate else ():
             faster = propose.kalman_gain(A + shift * rate * np.eye(len(A)), C)
@@ -232,7 +224,7 @@ def kalman_gains(
     yield from ((size * gain, source) for gain, size, source in tried if gain is not None)
 
 
-def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) -> Iterator[Envelope]:
+def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) -> Iterator[claim.Envelope]:
     """P with (F + rate I)'P + P (F + rate I) = -I, rounded, for the ``rate`` (None: half that of F) and smaller."""
     with suppress(*GIVEN_UP):
         F = to_float(error_matrix(exosystem, W))
@@ -247,7 +239,7 @@ def propose_envelopes(exosystem: Exosystem, W: Matrix, rate: Fraction | None) ->
                 lower, upper = float(values[0]) * (1 - 1e-9), float(values[-1]) * (1 + 1e-9)
                 if lower > 0:
                     bounds = Fraction(f"{lower:.12g}"), Fraction(f"{upper:.12g}")
-                    yield Envelope(P=rounded, rate=exact, lower=bounds[0], upper=bounds[1])
+                    yield claim.Envelope(P=rounded, rate=exact, lower=bounds[0], upper=bounds[1])
 
 
 def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
@@ -258,7 +250,7 @@ def estimate_observer(exosystem: Exosystem, W: Matrix) -> dict[str, float]:
         sizes = np.where(np.abs(poles) > 0, np.abs(poles), 1.0)
         result = {"rate": float(-np.max(poles.real)), "damping": float(np.min(-poles.real / sizes))}
         result["peak"] = propose.transient_peak(F)
-        for name in CHANNELS:
+        for name in claim.CHANNELS:
             system = channel(exosystem, W, name)
             result[f"hinf {name}"] = propose.hinf_norm(F, to_float(system.B), to_float(system.C), to_float(system.D))
     except GIVEN_UP:

@@ -34,12 +34,10 @@ SHORT = 12  # letters of a rational that is shown as it is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinningRequest:
-    """What gains k_i have to do: Lambda(K) < -2 rate I in every mode, at the least sum of cost_i k_i.
-
-    ``rate`` (1/s) > 0.  ``allowed``: agent indices, rising.  ``costs``: c_i > 0 of every agent.  ``caps``: the largest
-    k_i (1/s) of agents that have one.  ``pins``: at most so many agents, "fewest", or None for any number.
-    ``digits``: significant digits of the gains.
-    """
+    """What gains k_i have to do: Lambda(K) < -2 rate I in every mode, at the least sum of cost_i k_i.  ``rate`` (1/s) >
+    0.  ``allowed``: agent indices, rising.  ``costs``: c_i > 0 of every agent.  ``caps``: the largest k_i (1/s) of
+    agents that have one.  ``pins``: at most so many agents, "fewest", or None for any number. ``digits``: significant
+    digits of the gains."""
 
     rate: Fraction
     allowed: tuple[int, ...]
@@ -141,10 +139,8 @@ def rounded_up(value: Fraction, digits: int) -> Fraction:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bound:
     """A proved lower bound of the cost at a rate, and what shows it: exact, to be multiplied out by anybody.
-
     ``vectors``: mode and v (n m).  ``loads``: sum_r |v_r,i|^2 of every agent.  ``cap_prices``: y_i > 0 by agent.
-    ``rate_price``: at any other rate b the cost is at least value + rate_price (b - rate), by the same vectors.
-    """
+    ``rate_price``: at any other rate b the cost is at least value + rate_price (b - rate), by the same vectors."""
 
     value: Fraction
     rate: Fraction
@@ -157,10 +153,8 @@ class Bound:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Structure:
     """``groups``: agent indices, each group needs a pin.  ``least``: no fewer allowed agents meet all groups.
-
     ``exact``: so many do (``agents`` are such); False where the groups overlap in too many ways.  ``apart``: groups
-    without a common agent.  ``unmet``: a group without an allowed agent, or None.
-    """
+    without a common agent.  ``unmet``: a group without an allowed agent, or None."""
 
     groups: tuple[tuple[int, ...], ...]
     least: int

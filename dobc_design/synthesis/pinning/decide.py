@@ -109,9 +109,7 @@ def obstacle_to(
     ground: Ground, allowed: Collection[int], rate: Fraction, candidates: Vectors = ()
 ) -> tuple[str, Vector] | None:
     """A mode and a direction v (n m) that no gains on the ``allowed`` agents hold: v'(Lambda0 - 2 K + 2 rate I) v >= 0.
-
-    Gains with a cap stand at it, which is best; the direction is 0 on agents whose gain has no cap.
-    """
+    Gains with a cap stand at it, which is best; the direction is 0 on agents whose gain has no cap."""
     request, m = ground.request, ground.problem.m
     size = ground.problem.n * m
     free = set(allowed) - set(request.caps)
@@ -306,10 +304,8 @@ def too_fast(
     propose: Directions,
 ) -> Statement | None:
     """A proof that no gains on the ``allowed`` agents, or on ``pins`` of them, let every error decay at ``rate`` (1/s).
-
     Whatever proves it; None if there is none.  Its kind is "pins" where every set of so many is excluded, "max_gain"
-    where gains without caps are not excluded by the same means, else "rate".
-    """
+    where gains without caps are not excluded by the same means, else "rate"."""
     if any(coupling.nonsmooth for coupling in problem.couplings):
         return None
     try:

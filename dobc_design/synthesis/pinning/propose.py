@@ -19,15 +19,9 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus import pinning as programs
 from dobc_design.conditions.consensus.claim import ModeJacobian
-from dobc_design.conditions.consensus.pinning import (
-    FEW_ROWS,
-    Blocks,
-    Optimum,
-    solve_program,
-    solve_shared,
-)
 from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
@@ -52,10 +46,10 @@ class PinningProposer:
     """The blocks of one problem, its costs and caps (inf where there is none); the blocks of the last rate are kept."""
 
     problem: Problem
-    blocks: Blocks
+    blocks: pinning.Blocks
     costs: Array
     caps: Array
-    _kept: dict[float, Blocks] = field(default_factory=dict)
+    _kept: dict[float, pinning.Blocks] = field(default_factory=dict)
 
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
         """Gains (n) of least cost, about, and their multipliers; without (None) directions that no gains hold."""
@@ -91,10 +85,8 @@ class PinningProposer:
         self, allowed: Sequence[int], groups: Sequence[Sequence[int]], rate: float, pins: int | None
     ) -> tuple[int, ...] | None:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
-
         One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add, then
-        exchanges of one agent for another; of many agents those that save most.
-        """
+        exchanges of one agent for another; of many agents those that save most."""
         chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
         if blocks.z and blocks.agents > MANY:
             with np.errstate(all="ignore"):
@@ -155,7 +147,7 @@ class PinningProposer:
         mask[list(agents)] = True
         return mask
 
-    def _heaviest(self, blocks: Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
+    def _heaviest(self, blocks: pinning.Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         rows = rows_of(others, blocks.width)
         vector = min((programs.lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
@@ -164,13 +156,15 @@ class PinningProposer:
         order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
         return order[: 40 if blocks.agents <= 60 else 8]
 
-    def _at(self, rate: float) -> Blocks:
+    def _at(self, rate: float) -> pinning.Blocks:
         if rate not in self._kept:
             self._kept.clear()
             self._kept[rate] = programs.for_rate(self.blocks, rate)
         return self._kept[rate]
 
-    def _shared(self, blocks: Blocks, chosen: Array, known: Sequence[Optimum]) -> tuple[list[float] | None, Vectors]:
+    def _shared(
+        self, blocks: pinning.Blocks, chosen: Array, known: Sequence[pinning.Optimum]
+    ) -> tuple[list[float] | None, Vectors]:
         """Several blocks: their dual or a conic program; else the largest gain of each agent over the blocks."""
         found: tuple[Array, Vectors] | None = None
 
@@ -182,8 +176,8 @@ class PinningProposer:
             columns = [list(each.duals) if k == best else [] for k, each in enumerate(known)]
             found = np.max([each.gains for each in known], axis=0), self._named(blocks, columns)
         shared = None
-        if known and blocks.agents > FEW_ROWS:
-            shared = solve_shared(blocks.tables, chosen, self.costs, self.caps)
+        if known and blocks.agents > pinning.FEW_ROWS:
+            shared = pinning.solve_shared(blocks.tables, chosen, self.costs, self.caps)
         if shared is not None and found is not None:
             if is_cheap(shared.gains):
                 found = shared.gains, self._named(blocks, [[v] for v in shared.duals])
@@ -192,7 +186,7 @@ class PinningProposer:
                 return found[0].tolist(), found[1]
         agents = np.flatnonzero(chosen)
         if blocks.is_small:
-            program = solve_program(blocks, agents, self.costs, self.caps)
+            program = pinning.solve_program(blocks, agents, self.costs, self.caps)
             if program is not None and is_cheap(program.gains):
                 columns = [_factors(each, z=blocks.z) for each in program.duals]
                 return program.gains.tolist(), self._named(blocks, columns)
@@ -201,18 +195,18 @@ class PinningProposer:
             return (None if gains is None else gains.tolist()), []
         return (None, []) if found is None else (found[0].tolist(), found[1])
 
-    def _free_rows(self, blocks: Blocks, chosen: Array) -> Any:
+    def _free_rows(self, blocks: pinning.Blocks, chosen: Array) -> Any:
         """The rows that no gain without a cap holds."""
         return rows_of(np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps)), blocks.width)
 
-    def _lowest(self, blocks: Blocks, chosen: Array, *, factor: float = 1.0) -> list[tuple[float, Array]]:
+    def _lowest(self, blocks: pinning.Blocks, chosen: Array, *, factor: float = 1.0) -> list[tuple[float, Array]]:
         """Of every block the lowest eigenvalue on these rows, with caps times ``factor`` on the diagonal."""
         held = np.where(chosen & np.isfinite(self.caps), self.caps, 0.0)
         added = sparse.diags_array(np.repeat(2 * held * factor, blocks.width))
         rows = self._free_rows(blocks, chosen)
         return [programs.lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
 
-    def _loose(self, blocks: Blocks, chosen: Array) -> Vectors:
+    def _loose(self, blocks: pinning.Blocks, chosen: Array) -> Vectors:
         """Of every block the direction that allowed gains hold least, zero on the rows of gains without a cap."""
         rows = self._free_rows(blocks, chosen)
         columns = [np.zeros(blocks.agents * blocks.width) for _ in blocks.tables]
@@ -220,7 +214,7 @@ class PinningProposer:
             column[rows] = np.abs(vector) if blocks.z else vector
         return self._named(blocks, [[column] for column in columns])
 
-    def _named(self, blocks: Blocks, columns: Sequence[Sequence[Array]]) -> Vectors:
+    def _named(self, blocks: pinning.Blocks, columns: Sequence[Sequence[Array]]) -> Vectors:
         """The vectors of every block with its mode, on all n m rows."""
         m = self.problem.m
         result: Vectors = []
@@ -252,7 +246,7 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
 
 
 def greedy_set(
-    blocks: Blocks, chosen: Sequence[int], free: Collection[int], costs: Array, pins: int | None
+    blocks: pinning.Blocks, chosen: Sequence[int], free: Collection[int], costs: Array, pins: int | None
 ) -> tuple[int, ...] | None:
     """Agents added until the rate is reached (else None), or ``pins`` are chosen; blocks have to be Z-matrices."""
     found = list(chosen)

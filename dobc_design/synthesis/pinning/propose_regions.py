@@ -56,8 +56,7 @@ class Box:
 
     def follow(self, lower: Array) -> Array | None:
         """The least v at or above ``lower``; on pins without a cap it is ``lower``.  None if none is found."""
-        top = HELD * max(1.0, self.rate)
-        gains = np.where(self.allowed, np.minimum(self.caps, top), 0.0)
+        gains = np.where(self.allowed, np.minimum(self.caps, HELD * max(1.0, self.rate)), 0.0)
         return least_above(replace(self.field, gains=gains), alpha=self.rate, lower=lower)
 
     def gains(self, v: Array) -> Array:
@@ -71,10 +70,8 @@ def propose_for_box(
     problem: Problem, request: PinningRequest, *, rho: Fraction | None, rate: float
 ) -> list[tuple[Vector, Array]]:
     """v (n,), exact with min v = 1, and gains (n,) for it with which the rows hold with ``rate`` for all s in (0, rho].
-
     The cheapest v with more and more digits, if rounding makes the gains no dearer than their own digits do, and the
-    last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear.
-    """
+    last in any case.  ``problem``: without gains.  ``rho`` None: couplings are linear."""
     if rho is not None and rho > LARGEST_RADIUS:
         return []
     try:
@@ -164,8 +161,7 @@ def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
         for face in (1, -1):
             table = field.values(mode, face, v) / v
             best = np.argmax(table, axis=0)
-            other = np.where(best == len(table) - 1, 0, len(table) - 1)
-            for places in (best, other):
+            for places in (best, np.where(best == len(table) - 1, 0, len(table) - 1)):
                 value = table[places, np.arange(n)]
                 slope = sparse.diags_array(1 / v) @ field.slopes(mode, face, places, v) @ sparse.diags_array(v)
                 slope = sparse.csr_array(slope - sparse.diags_array(value))
@@ -182,11 +178,9 @@ def _linear_rows(box: Box, v: Array, step: float) -> tuple[Any, Any, Array]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegionGains:
-    """Gains (1/s) by agent index that reach ``rate`` (1/s), about.
-
-    ``prices``: by agent, what the whole sum of gains would fall by for each 1/s of gain there (1 for pinned agents
-    that are at their optimum).  ``rate_price``: what the sum rises by for each 1/s of rate.
-    """
+    """Gains (1/s) by agent index that reach ``rate`` (1/s), about.  ``prices``: by agent, what the whole sum of gains
+    would fall by for each 1/s of gain there (1 for pinned agents that are at their optimum).  ``rate_price``: what the
+    sum rises by for each 1/s of rate."""
 
     gains: dict[int, float]
     rate: float

@@ -21,14 +21,8 @@ from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.network import Enclosed, carriers, name_agents
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.separable import decide as separable
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, find_ordering
-from dobc_design.conditions.separable.decide import (
-    composite_rate,
-    coupling_profiles,
-    covers,
-    verify_composite,
-    verify_separable,
-)
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError
@@ -184,7 +178,7 @@ def _designed(
     vectors = proposer.relax(agents, float(request.rate))[1]
     bound = decide.bound_from(ground, vectors, agents, request.rate)
     least = bound.value if choice is None else claimed(shorten(choice.bound))
-    cost, rate, named = cost_of(request, gains), number_text(request.rate), {labels[i]: k for i, k in gains.items()}
+    rate, named = number_text(request.rate), {labels[i]: k for i, k in gains.items()}
     text = f"Lambda < -2 ({rate}) I in every mode, for the gains as they are written."
     statements = [proved("rate", text, rate=rate)]
     if structure.exact:
@@ -192,22 +186,33 @@ def _designed(
         text = f"Structural minimum: {counted(structure.least, 'pin')}, one for each group that listens to nobody"
         text += f" outside ({len(structure.groups)} over all modes); {example} would do for that."
         statements.append(proved("structure", text, least=str(structure.least)))
+    design = _with_gains(request, structure, gains, changed_problem(ground.problem, {"pinning.gains": named}))
+    return replace(
+        design,
+        lower_bound=least,
+        bound=bound,
+        bound_for=tuple(labels[i] for i in agents),
+        statements=(*statements, *more),
+        prices=tuple(prices_in_words(ground.problem, request, bound, set(agents))),
+        ties=() if choice is None else _ties(ground, proposer, tuple(gains), choice),
+        reason=f"{design.reason}, and nothing that does costs less than {shorten(least, digits=6):.6g}.",
+    )
+
+
+def _with_gains(
+    request: PinningRequest, structure: Structure, gains: Gains, held: Problem, over: str = ""
+) -> PinningDesign:
+    named, cost = {held.network.labels[i]: k for i, k in gains.items()}, cost_of(request, gains)
     return PinningDesign(
         verdict=Verdict.PROVED,
         request=request,
         gains=named,
         rate=request.rate,
         cost=cost,
-        lower_bound=least,
-        bound=bound,
-        bound_for=tuple(labels[i] for i in agents),
         structural_minimum=structure.least if structure.exact else None,
-        statements=(*statements, *more),
-        prices=tuple(prices_in_words(ground.problem, request, bound, set(agents))),
-        ties=() if choice is None else _ties(ground, proposer, tuple(gains), choice),
-        problem=changed_problem(ground.problem, {"pinning.gains": named}),
-        reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)} at the cost"
-        f" {float(cost):.6g}, and nothing that does costs less than {shorten(least, digits=6):.6g}.",
+        problem=held,
+        reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)}{over} at the cost"
+        f" {float(cost):.6g}",
     )
 
 
@@ -235,12 +240,10 @@ class _Node:
 
 @dataclass(eq=False)
 class Choice:
-    """The cheapest set of at most ``pins`` allowed agents at the rate asked, with a proved bound.
-
-    ``agents``: the cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs less (proved).
-    ``impossible``: proved that no such set reaches the rate.  ``rivals``: other sets that were met and cost the same to
-    six digits.  ``start``: a set to begin with.  ``groups``: each needs a pin.
-    """
+    """The cheapest set of at most ``pins`` allowed agents at the rate asked, with a proved bound.  ``agents``: the
+    cheapest set found, or None; ``cost`` about.  ``bound``: no set of so many costs less (proved). ``impossible``:
+    proved that no such set reaches the rate.  ``rivals``: other sets that were met and cost the same to six digits.
+    ``start``: a set to begin with.  ``groups``: each needs a pin."""
 
     ground: Ground
     proposer: PinningProposer
@@ -488,7 +491,7 @@ def _on(
         text = "does not apply: the max-separable certificate is for couplings that act on each state component by"
         return without(undecided("method", f"{text} itself."))
     try:  # whatever v is, |e_j - e_i| reaches 2 rho at least
-        coupling_profiles(bare, (Fraction(1),) * bare.n, rho=asked.rho)
+        separable.coupling_profiles(bare, (Fraction(1),) * bare.n, rho=asked.rho)
     except UndefinedError as error:
         return without(undecided("method", f"does not apply: {error}"))
     labels, limited = bare.network.labels, replace(request, allowed=tuple(sorted(agents)))
@@ -497,7 +500,7 @@ def _on(
             gains = typed_gains(dict(enumerate(proposed.tolist())), digits=request.digits, caps=request.caps)
             held = changed_problem(bare, {"pinning.gains": {labels[i]: k for i, k in gains.items()}})
             claim = Separable(v=v, alpha=request.rate, rho=asked.rho)
-            if gains and verify_separable(held, claim).verdict is Verdict.PROVED:
+            if gains and separable.verify_separable(held, claim).verdict is Verdict.PROVED:
                 return _covered(request, asked, structure, gains, held, replace(claim, error=asked.error))
     where = "" if asked.rho is None else f" over |e_i| <= {shown_number(asked.rho)}"
     text = "no gains on the allowed agents were found with which the max-separable certificate reaches the rate"
@@ -511,30 +514,17 @@ def _covered(
     """The design whose rows are proved, if the observer's part is as well and the box holds the region."""
     wrong = ""
     if asked.error is not None:
-        decided = verify_composite(held, asked.W, claim)
+        decided = separable.verify_composite(held, asked.W, claim)
         wrong = "" if decided.verdict is Verdict.PROVED else f": {decided.reason}"
-    reaches = covers(claim, radius=asked.radius, disturbance=asked.disturbance)
-    if wrong or not reaches or composite_rate(claim) < request.rate:
+    reaches = separable.covers(claim, radius=asked.radius, disturbance=asked.disturbance)
+    if wrong or not reaches or separable.composite_rate(claim) < request.rate:
         obstacle = undecided("observer", f"the observer's part is not proved{wrong or '.'}")
         return without_gains(request, structure, obstacle, radius=asked.radius)
-    labels, cost = held.network.labels, cost_of(request, gains)
-    named = {labels[i]: k for i, k in gains.items()}
     part = " plus the observer's part" if asked.error is not None else ""
     still = ", with eps = 0" if asked.error is None else ""
     rate, radius = number_text(request.rate), number_text(asked.radius)
     text = f"max_i |e_i|/v_i (v from 1 to {float(max(claim.v)):.4g}){part} decays from every start {asked}{still}, at"
     text += f" the rate {rate}, for the gains as they are written."
-    return PinningDesign(
-        verdict=Verdict.PROVED,
-        request=request,
-        gains=named,
-        rate=request.rate,
-        cost=cost,
-        structural_minimum=structure.least if structure.exact else None,
-        statements=(proved("region", text, rate=rate, radius=radius),),
-        problem=held,
-        certificate=claim,
-        radius=asked.radius,
-        reason=f"gains on {name_agents(tuple(named))} reach the rate {shown_number(request.rate)} over {asked} at the"
-        f" cost {float(cost):.6g}.",
-    )
+    design, region = _with_gains(request, structure, gains, held, f" over {asked}"), {"rate": rate, "radius": radius}
+    found = replace(design, statements=(proved("region", text, **region),), certificate=claim, radius=asked.radius)
+    return replace(found, reason=f"{design.reason}.")

@@ -10,7 +10,6 @@ Importing this package loads no solver: names are resolved when they are first u
 
 from __future__ import annotations
 
-import logging
 from importlib import import_module
 
 TYPE_CHECKING = False  # typing takes longer to import than this package
@@ -18,8 +17,6 @@ if TYPE_CHECKING:
     from typing import Any
 
 __version__ = "0.1.0"
-
-logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 _HOMES = {
     "Analysis": "analysis.analysis",

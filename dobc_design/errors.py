@@ -6,9 +6,12 @@ RuntimeError); the mathematics' answer is never an exception but a ``Verdict``.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import ClassVar
+
+logging.getLogger("dobc_design").addHandler(logging.NullHandler())  # loaded by every module that logs
 
 
 class DobcError(Exception):

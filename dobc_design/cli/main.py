@@ -14,13 +14,13 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 
 from dobc_design._signals import SENTENCE
 from dobc_design.cli import certify, design, doctor, export, new, output, report, simulate, sweep
@@ -31,35 +31,20 @@ TOLD = ("title", "statement", "plain", "meaning", "proved", "refuted", "source")
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF, errno.EPIPE)
 
 
-class _AsTyped:
-    """Help as it is written: rich's markup would drop [words] and turn :100: into a picture."""
+class _Command(TyperCommand):
+    """One of the commands; its line in the list of them is never cut off."""
 
-    params: list[Any]
-    help: str | None
-    commands: Mapping[str, Any] = {}
-
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Keep brackets and colons from being markup, then show the help."""
-        for each in (self, *self.params, *self.commands.values()):
-            if each.help:
-                each.help = each.help.replace("[", r"\[").replace(":", ":[b][/b]")
-        super().format_help(ctx, formatter)  # type: ignore[misc]
-
-
-class _Group(_AsTyped, TyperGroup):  # type: ignore[misc]
-    """The commands."""
-
-
-class _Command(_AsTyped, TyperCommand):
-    """One of them."""
+    def get_short_help_str(self, limit: int = 45) -> str:
+        """The whole sentence."""
+        return self.help or ""
 
 
 app = typer.Typer(
-    cls=_Group,
     # typer's own options for it cost a tenth of the time of --help; those of ``options`` load them when they are used.
     add_completion=COMPLETING in os.environ,
     no_args_is_help=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,  # rich takes as long to import as all the rest of --help, and reads [words] as markup
     help="Certify disturbance-observer-based consensus control: from a problem file to a proof.",
 )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -12,6 +13,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
+from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 
@@ -79,8 +81,9 @@ def render_report(
         analysis = run_analysis(problem, gain=gain)
         if not problem.groups or gain is not None:
             say("simulating")
-            run = run_once(make_setting(problem, gain=gain))
-            trajectory = replace(run, loop_sha256=fingerprint(problem, gain))
+            with suppress(SpecError):  # beyond the floats, or too long for the integrator: no reason for no report
+                run = run_once(make_setting(problem, gain=gain))
+                trajectory = replace(run, loop_sha256=fingerprint(problem, gain))
     settling, timings = certificate.settling, tuple[StageTiming, ...]()
     if settling is not None:
         say("deciding delays and sampling, stage by stage")

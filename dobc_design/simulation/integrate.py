@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.integrate import DOP853, Radau
 
+from dobc_design.errors import wrong
 from dobc_design.problem.arrays import ArcGroup, Array
 from dobc_design.simulation.field import ClosedForm, Loop, field_of, network_of
 from dobc_design.simulation.switches import LOOKS, Modes, Stay
@@ -31,6 +32,8 @@ STIFF = 2e4  # horizon times fastest decay from which on the implicit method is 
 BOUNDARY = 6.1  # |h lambda| on the boundary of stability of DOP853 (Hairer, Norsett, Wanner, section IV.2)
 PATIENCE = 15  # steps on that boundary after which the loop counts as stiff, if ...
 MANY = 3000  # ... so many steps would be left
+MOST_STEPS = 10_000_000  # of one run: refused as soon as that many are foreseen, ...
+LOOK_AHEAD = 10_000  # ... at the pace of the last so many
 
 Piece = tuple[Derivative, Pattern, Stay]  # a stretch without a switch
 
@@ -114,7 +117,7 @@ class Integration:
         self.risen = max(1.0, plan.error(start))
         self.farthest = FARTHEST * self.risen
         self.step: float | None = None
-        self.evaluations = 0
+        self.evaluations, self.steps, self.looked = 0, 0, 0.0
         self.notes: list[str] = []
         self.methods = ["Radau" if implicit else "DOP853"]
         self.rise: list[tuple[float, Array]] = []  # steps since the last sample, each with a larger error
@@ -168,6 +171,7 @@ class Integration:
                 self.risen = error
             self.time, self.state = end, solver.y
             self.report(self.time / self.horizon)
+            self.foresee()
             if not self.implicit and self.is_stiff(solver, stay.end):
                 self.leave(solver, solver.t, solver.y)
                 self.implicit, self.step = True, None
@@ -177,6 +181,16 @@ class Integration:
                 solver = self.solver(derivative, pattern, stay.end)
         self.leave(solver, solver.t, solver.y)
         return ""
+
+    def foresee(self) -> None:
+        """Count a step.  Raises: SpecError if the rest of the run needs too many."""
+        self.steps += 1
+        if self.steps % LOOK_AHEAD == 0:
+            pace, self.looked = (self.time - self.looked) / LOOK_AHEAD, self.time
+            if self.horizon - self.time > pace * (MOST_STEPS - self.steps):
+                message = f"would take more than {MOST_STEPS} steps of the integrator; {self.steps} of them led"
+                message += f" to t = {self.time:.4g} s of {self.horizon:.4g} s."
+                raise wrong("t_final", message, "Choose a shorter horizon.")
 
     def between(self, states: Callable[[float], Array], time: float) -> Array:
         return self.plan.positions(states(time))

@@ -171,6 +171,7 @@ def stress_to_json(stress: Stress) -> str:
 
 TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
 SAMPLES = 401
+LONGEST = 1e12  # s; there two neighbouring floats are 0.1 ms apart
 MOST_NUMBERS = 1 << 26  # in a trajectory whose samples nobody asked for: half a GiB
 OBSERVERS = ("closed-form", "full-loop", "off")
 OFF = "The observer is off: the disturbance is not compensated."
@@ -356,6 +357,9 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
         message = f"must be one of {', '.join(OBSERVERS)}; got {str(observer)[:40]}."
         raise wrong("observer", message, '"closed-form" is the fast one.')
     horizon = seconds(problem.simulation.t_final if t_final is None else t_final, "t_final", example="20")
+    if horizon > LONGEST:
+        cure = "Choose a shorter horizon, or another unit of time."
+        raise wrong("t_final", f"must be at most {LONGEST:g} s, beyond which floats are too coarse.", cure)
     loop = make_loop(require_floats(problem), no_gain(problem) if observer == "off" and gain is None else gain)
     times, notes = _times(given.get("samples"), horizon, loop.n * (4 * loop.m + 2 * loop.q))
     if stress is not None:

@@ -240,7 +240,8 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
             raise output.NoOutput(error.strerror) from error
         place = None if error.filename is None else str(error.filename)
         message = f"{error.strerror or error}{'' if place is None else f' ({place})'}."
-        return failed("io", message, "Check disk, paths and permissions.", output.MACHINE, place)
+        code = output.MISTAKE if error.errno == errno.ENAMETOOLONG else output.MACHINE
+        return failed("io", message, "Check disk, paths and permissions.", code, place)
     except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback reaches a user
         if os.environ.get("DOBC_TRACEBACK"):
             import traceback

@@ -33,6 +33,8 @@ from dobc_design.problem.problem import Problem
 from dobc_design.sweeps.plan import Plan, Task, make_plan, require_whole
 from dobc_design.sweeps.result import TIME, Journal, Outcome, SweepResult, to_be_done_again
 
+Backend = dict[str, Any]  # what joblib is to work with: processes of this machine, or a cluster
+LOKY: Backend = {"backend": "loky", "inner_max_num_threads": 1}
 LOCAL = "local"  # the name of a cluster on this machine
 GRACE = 60.0  # s, beside the limit twice, that a case may take to hear that its time is over
 FEWEST = 5  # finished cases before a time left is said
@@ -113,8 +115,10 @@ def sweep(
     limit = None if time_limit is None else read_time_limit(time_limit)
     plan = make_plan(problem, over, task=Task(kind=task, everything=everything, runs=runs), samples=samples, seed=seed)
     _require_one(plan)
-    with Journal(None if out is None else Path(out), plan, anew=force) as journal:
-        _run(journal, jobs=jobs, cluster=cluster, limit=None if limit is None else float(limit), progress=progress)
+    folder = None if out is None else Path(out)
+    # A cluster that is not there is refused before anything is written, or with ``force`` replaced.
+    with _backend(cluster, jobs, len(plan)) as backend, Journal(folder, plan, anew=force) as journal:
+        _run(journal, jobs=jobs, backend=backend, limit=None if limit is None else float(limit), progress=progress)
         result = SweepResult(plan=plan, lines=journal.lines, folder=journal.folder)
         if journal.folder is not None:
             result.save(journal.folder / "results.csv", force=True)
@@ -137,7 +141,7 @@ def _require_one(plan: Plan) -> None:
 
 
 def _run(
-    journal: Journal, *, jobs: int | None, cluster: str | None, limit: float | None, progress: Progress | None
+    journal: Journal, *, jobs: int | None, backend: Backend, limit: float | None, progress: Progress | None
 ) -> None:
     """Do the cases that are not done, or were given up and get more time now."""
     plan, done = journal.plan, journal.done
@@ -156,7 +160,7 @@ def _run(
             progress(State(**counts, elapsed=elapsed, left=left))
 
     report()
-    for line in outcomes(plan, [case for case in order if case not in done], jobs=jobs, cluster=cluster, limit=limit):
+    for line in outcomes(plan, [case for case in order if case not in done], jobs=jobs, backend=backend, limit=limit):
         if clock.count == 0:  # processes start and libraries load once: no part of the pace
             idle = max(0.0, time.monotonic() - began - line["seconds"])
         journal.append(line)
@@ -226,7 +230,7 @@ def _too_long(limit: float | None) -> dict[str, Any]:
 
 
 def outcomes(
-    plan: Plan, cases: Sequence[int], *, jobs: int | None, cluster: str | None, limit: float | None
+    plan: Plan, cases: Sequence[int], *, jobs: int | None, backend: Backend, limit: float | None
 ) -> Iterator[Outcome]:
     """The lines of the cases by joblib, each as soon as it is there.  When a worker dies, or hangs in a library, what
     was in hand is done again one by one; only a case that ends so on its own is given up, and recorded."""
@@ -242,34 +246,33 @@ def outcomes(
             begun.append(case)
             yield delayed(run_case)(plan, case, limit)
 
-    with _backend(cluster, jobs) as backend:
-        with parallel_config(**backend):
-            pool = Parallel(
-                n_jobs=-1 if cluster is not None else 2 if apart else jobs,
-                pre_dispatch=1 if apart else "2 * n_jobs",
-                return_as="generator_unordered",
-                batch_size=1,
-                timeout=None if limit is None else 2 * limit + GRACE,  # from one finished case to the next
-                initializer=_begin_worker,
-                initargs=(os.getpid(),),
-            )
-        left, suspects = dict.fromkeys(cases), list[int]()
-        while left:
-            batch, begun = suspects[:1] or list(left), list[int]()
-            try:
-                with _deaf():
-                    lines = pool(calls(batch, begun))
-                for line in lines:
-                    del left[line["case"]]
-                    yield line
-            except (BrokenProcessPool, NoAnswer) as error:
-                suspects = begun
-                if len(batch) == 1:
-                    late = isinstance(error, NoAnswer)
-                    lost = {"error": _too_long(limit), "seconds": limit} if late else {"error": _error("worker", DIED)}
-                    del left[batch[0]]
-                    yield _line(plan, batch[0]) | lost
-            suspects = [case for case in suspects if case in left]
+    with parallel_config(**backend):
+        pool = Parallel(
+            n_jobs=-1 if backend != LOKY else 2 if apart else jobs,
+            pre_dispatch=1 if apart else "2 * n_jobs",
+            return_as="generator_unordered",
+            batch_size=1,
+            timeout=None if limit is None else 2 * limit + GRACE,  # from one finished case to the next
+            initializer=_begin_worker,
+            initargs=(os.getpid(),),
+        )
+    left, suspects = dict.fromkeys(cases), list[int]()
+    while left:
+        batch, begun = suspects[:1] or list(left), list[int]()
+        try:
+            with _deaf():
+                lines = pool(calls(batch, begun))
+            for line in lines:
+                del left[line["case"]]
+                yield line
+        except (BrokenProcessPool, NoAnswer) as error:
+            suspects = begun
+            if len(batch) == 1:
+                late = isinstance(error, NoAnswer)
+                lost = {"error": _too_long(limit), "seconds": limit} if late else {"error": _error("worker", DIED)}
+                del left[batch[0]]
+                yield _line(plan, batch[0]) | lost
+        suspects = [case for case in suspects if case in left]
 
 
 @contextmanager
@@ -299,11 +302,11 @@ def _begin_worker(parent: int) -> None:
 
 
 @contextmanager
-def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
+def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Backend]:
     """What joblib is to work with: processes of this machine, a Dask cluster at an address, or "local": one begun here.
     Raises: SpecError without the extra "cluster" or a scheduler at that address, and for workers of another version."""
     if cluster is None:
-        yield {"backend": "loky", "inner_max_num_threads": 1}
+        yield LOKY
         return
     try:
         from distributed import Client, LocalCluster
@@ -315,6 +318,9 @@ def _backend(cluster: str | None, jobs: int) -> Iterator[dict[str, Any]]:
         try:
             address: Any = cluster
             if cluster == LOCAL:
+                from joblib import cpu_count
+
+                jobs = min(jobs or cpu_count(), cases)
                 with _deaf():
                     own = LocalCluster(n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=50)
                 address = stack.enter_context(own)

@@ -146,7 +146,7 @@ def examined(words: list[str], folder: Path) -> tuple[int, str]:
     failed, said = code in (2, 4), f"exit code {code}, {out[-300:]!r}, {errors[-600:]!r}"
     if code not in (0, 1, 2, 3, 4) or "Traceback" in out + errors or "Internal error" in out + errors:
         return code, said
-    if "--json" in words:
+    if "--json" in words and (out or failed):  # it may have been taken for a value
         try:
             document = json.loads(out)
         except ValueError:

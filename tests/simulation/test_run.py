@@ -452,3 +452,11 @@ def test_wrong_arguments_are_refused(arguments, message: str):
         simulate(loop(), **arguments)
     with pytest.raises(SpecError, match="within the range of floats"):
         simulate(ring(simulation={"t_final": "1e400"}))
+
+
+def test_a_horizon_that_no_integrator_reaches_is_refused(monkeypatch: pytest.MonkeyPatch):
+    with pytest.raises(SpecError, match=r"t_final must be at most 1e\+12 s"):
+        dd.simulate("paper-fixed", t_final=1e300)
+    monkeypatch.setattr("dobc_design.simulation.integrate.LOOK_AHEAD", 50)
+    with pytest.raises(SpecError, match="more than 10000000 steps of the integrator; 50 of them"):
+        dd.simulate("paper-fixed", t_final=1e11)

@@ -21,7 +21,7 @@ from dobc_design.problem.load import load_problem
 from dobc_design.sweeps import running
 from dobc_design.sweeps.plan import Plan, Task, make_plan
 from dobc_design.sweeps.result import Journal
-from dobc_design.sweeps.running import Clock, State, TooLong, duration, outcomes, run_case, sweep, within
+from dobc_design.sweeps.running import LOKY, Clock, State, TooLong, duration, outcomes, run_case, sweep, within
 from dobc_design.verdict import Verdict
 
 OVER = {"pinning.gains.3": "0,4", "coupling.h": "y,-y,y+1", "network.modes.G[0][2]": "~uniform(0.5,2)"}
@@ -262,7 +262,7 @@ def deadly(chain: Path) -> Plan:
 def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain, monkeypatch):
     """The worker of one case is killed, two never end; what was in hand with them is done again."""
     monkeypatch.setattr(running, "GRACE", 2.0)
-    found = list(outcomes(deadly(chain), range(5), jobs=2, cluster=None, limit=2))
+    found = list(outcomes(deadly(chain), range(5), jobs=2, backend=LOKY, limit=2))
     assert sorted(line["case"] for line in found) == list(range(5))
     kinds = {line["case"]: line["error"]["kind"] for line in found if line["error"]}
     assert kinds == {2: "worker", 3: "time", 4: "time"}

@@ -68,8 +68,10 @@ def _directed(value: float | Fraction | None, digits: int, rounding: str) -> str
 
 
 def latex_number(value: Fraction) -> str:
-    """LaTeX of a rational: 16/5 as a fraction, long ones as a decimal marked approximate."""
+    """LaTeX of a rational, exactly where it is short: a decimal, else a fraction; long ones as a rounded decimal."""
     top, bottom, longest = value.numerator, value.denominator, 12
+    if 10**longest % bottom == 0 and Fraction(significant(value, 6)) == value:
+        return latex_decimal(value, 6)
     if max(top.bit_length(), bottom.bit_length()) <= 4 * longest:
         if bottom == 1 and len(str(top)) <= longest:
             return str(top)
@@ -78,9 +80,9 @@ def latex_number(value: Fraction) -> str:
     return latex_decimal(value)
 
 
-def latex_decimal(value: float | Fraction) -> str:
+def latex_decimal(value: float | Fraction, digits: int = 5) -> str:
     """LaTeX of a rounded decimal, powers of ten written out."""
-    mantissa, _, exponent = significant(value).partition("e")
+    mantissa, _, exponent = significant(value, digits).partition("e")
     return rf"{mantissa}\cdot 10^{{{int(exponent)}}}" if exponent else mantissa
 
 
@@ -99,9 +101,7 @@ def latex_matrix(matrix: Sequence[Sequence[Fraction | float]]) -> str | None:
 
 
 def _entry(x: Fraction | float) -> str:
-    if isinstance(x, float):
-        return latex_decimal(x) if math.isfinite(x) else rf"\text{{{x}}}"
-    return latex_number(Fraction(x))
+    return rf"\text{{{x}}}" if isinstance(x, float) and not math.isfinite(x) else latex_decimal(x)
 
 
 def mathml(latex: str, *, display: bool = False) -> str:

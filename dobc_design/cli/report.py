@@ -25,6 +25,7 @@ def report(
         Path | None, typer.Option(help="Folder; default that of CERT, or for two ./NAME-NAME-comparison.")
     ] = None,
     pdf: Annotated[Path | None, typer.Option("--pdf", help="Also as a PDF, to sign; needs dobc_design[pdf].")] = None,
+    full: Annotated[bool, typer.Option("--full", help="With all details open, also in the PDF.")] = False,
     latex: Annotated[
         Path | None, typer.Option("--latex", metavar="DIR", help="Also as LaTeX fragments and BibTeX, into DIR.")
     ] = None,
@@ -48,7 +49,7 @@ def report(
     with output.Progress(manner) as progress:
         if len(found) == 1:
             beside = certificates[0] if certificates[0].is_dir() else certificates[0].parent
-            pages, folder = render_report(found[0], pdf=pdf is not None, progress=progress), beside
+            pages, folder = render_report(found[0], pdf=pdf is not None, full=full, progress=progress), beside
         else:
             names = dict.fromkeys(output.folder_name(each.problem.name) for each in found)
             pages, folder = render_comparison(*found, pdf=pdf is not None), Path(f"{'-'.join(names)}-comparison")

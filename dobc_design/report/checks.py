@@ -80,16 +80,11 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
 
 
 def checks_section(checks: Sequence[Check]) -> doc.Section:
-    """Every check with its verdict, numbers and reason, and what the conditions decide."""
+    """Every check with its verdict, numbers and reason."""
     rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
     cut = "Margins and rates are in 1/s and cut towards zero: they hold as printed."
-    terms = doc.Terms([(kind.name, kind.id, f"{kind.decides}.") for kind in _kinds(checks)])
-    blocks = (
-        doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)),
-        *_checks_table(checks),
-        doc.Only(("html", "markdown"), (doc.Section("What the conditions decide", (terms,)),)),
-    )
-    return doc.Section("What was checked", blocks, "checks", "Checks")
+    blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)), *_checks_table(checks))
+    return doc.Section(f"Checks: {words.verdict_counts(checks) or 'none'}", blocks, "checks", "Checks")
 
 
 def _kinds(checks: Sequence[Check]) -> list[Any]:
@@ -201,14 +196,8 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
         doc.Column("where it stands", lambda kind: kind.source, 1.2),
         doc.Column("decided in", lambda kind: ", ".join(kind.decided_in), 1.4, style="code"),
         doc.Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
-        doc.Column("found here", lambda kind: _found(kind.id, checks), 0.8),
     )
     return doc.Section("Traceability", (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table), "traceability")
-
-
-def _found(id: str, checks: Sequence[Check]) -> str:
-    counts = [(each, sum(check.id == id and check.verdict is each for check in checks)) for each in Verdict]
-    return ", ".join(each.value if count == 1 else f"{count} × {each.value}" for each, count in counts if count)
 
 
 def recheck_section(certificate: Certificate, again: Reproduction) -> doc.Section:
@@ -273,12 +262,7 @@ def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:
     return " ".join(["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"])
 
 
-def title_block(certificate: Certificate, again: Reproduction) -> tuple[tuple[str, str], ...]:
+def title_block(again: Reproduction) -> tuple[tuple[str, str], ...]:
     """What identifies a signed report, on its first page."""
     (_, program), (_, file_format), _ = again.versions
-    return (
-        ("Problem", certificate.claims.problem_name),
-        ("Verdict", certificate.verdict.value),
-        *again.prints,
-        ("Decided by", f"{program}, {file_format}"),
-    )
+    return (*again.prints, ("Decided by", f"{program}, {file_format}"))

@@ -10,6 +10,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
 from dobc_design.plotting.look import thinned_rows
+from dobc_design.problem.meaning import remarks
 from dobc_design.problem.problem import Problem
 from dobc_design.report import checks, pictures, words
 from dobc_design.report import document as doc
@@ -80,7 +81,7 @@ def report_document(
     ``searches`` for counterexamples."""
     problem, again, verdict = certificate.problem, checks.reproduction(certificate), certificate.verdict
     mark, facts = words.mark_of(verdict), tuple(_facts(certificate))
-    identity = checks.title_block(certificate, again)
+    identity = checks.title_block(again)
     verdicts = doc.Terms([(words.mark_of(each), "", words.MEANINGS[each]) for each in Verdict])
     return doc.Document(
         kind="Certificate of consensus",
@@ -92,8 +93,12 @@ def report_document(
         f" · certificate {again.prints[1][1][:16]}…",
         blocks=(
             doc.in_markdown(doc.Facts((*identity, *facts))),
-            *checks.cure_section(certificate.checks),
-            *_meaning(certificate),
+            _meaning(certificate),
+            _loop(certificate),
+            *_bound(certificate, trajectory),
+            *_next_step(certificate),
+        ),
+        details=(
             _problem(problem),
             _network(certificate, analysis),
             *region_section(problem, certificate.regions, tuple(pictures.region_pictures(certificate.regions))),
@@ -105,7 +110,7 @@ def report_document(
             *_simulation(certificate, trajectory),
             checks.trace_section(certificate.checks),
             checks.recheck_section(certificate, again),
-            doc.Section("Glossary", (verdicts, doc.on_pages(doc.Terms(_WORDS))), "glossary"),
+            doc.Section("Words", (verdicts, doc.on_pages(doc.Terms(_WORDS))), "glossary"),
             checks.signatures_section(),
         ),
     )
@@ -114,21 +119,50 @@ def report_document(
 def _facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
     if certificate.verdict is Verdict.PROVED:
         domain, rate = words.covering_domain(certificate), certificate.rate
-        yield "Holds", words.domain_words(domain) if domain is not None else "–"
-        yield "Certified rate", "–" if rate is None else f"{lower(rate)} 1/s"
-        yield "Carried by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"
-    yield "Checks", words.verdict_counts(certificate.checks) or "none"
+        yield "Holds for", words.domain_words(domain) if domain is not None else "–"
+        yield "Certified decay rate", "–" if rate is None else f"{lower(rate)} 1/s"
+        yield "Shown by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"
     yield "Agents", str(certificate.problem.n)
     yield "Modes", str(len(certificate.problem.network.modes))
 
 
-def _meaning(certificate: Certificate) -> Iterator[doc.Section]:
+def _meaning(certificate: Certificate) -> doc.Section:
     yes, no = words.what_it_means(certificate)
     says, says_not = doc.Section("It says", (doc.List(yes),)), doc.Section("It does not say", (doc.List(no),))
-    both = (doc.Beside(((says,), (says_not,))),)
-    yield doc.Section("What this says, and what it does not", both, "meaning", "Meaning")
-    notes = certificate.claims.notes[:MOST_NOTES] or ("Nothing was assumed or designed beyond the problem file.",)
-    yield doc.Section("What was given, assumed and designed", (doc.List(notes),), "assumptions", "Assumptions")
+    return doc.Section("What this says, and what it does not", (doc.Beside(((says,), (says_not,))),), "meaning")
+
+
+def _loop(certificate: Certificate) -> doc.Section:
+    """The network as a drawing, beside it what the engineer has designed, in decimals; what looks like a slip."""
+    drawn, legend = pictures.network_pictures(certificate)
+    notes = certificate.claims.notes[:MOST_NOTES]
+    shown: tuple[doc.Block, ...] = (doc.Pictures(drawn, small=True), doc.Text(legend, "caption"))
+    facts: tuple[doc.Block, ...] = (doc.Facts(words.loop_facts(certificate)),)
+    facts += tuple(doc.Text(f"Look at this: {remark}", "warning") for remark in remarks(certificate.problem))
+    given = (doc.Section("Given and assumed", (doc.List(notes),)),) if notes else ()
+    both = (doc.Beside((shown, (*facts, *given)), second_wider=True),) if len(drawn) == 1 else (*shown, *facts, *given)
+    return doc.Section("The loop", (doc.on_pages(*both), doc.in_markdown(*facts, *given)), "loop")
+
+
+def _bound(certificate: Certificate, trajectory: Trajectory | None) -> Iterator[doc.Block]:
+    """One picture: what is proved about the largest error, and one simulated run."""
+    if trajectory is not None and len(trajectory.times) > 1:
+        picture = pictures.error_picture(certificate, trajectory)
+        yield doc.on_pages(doc.Section("Certified bound and simulation", (doc.Pictures((picture,)),), "bound"))
+
+
+def _next_step(certificate: Certificate) -> Iterator[doc.Section]:
+    """What to do now: the cure where something is missing, else how a reviewer checks this."""
+    if certificate.verdict is Verdict.PROVED:
+        told = "Send certificate.json and problem.json with this report. A reviewer decides every claim again with"
+        blocks = (
+            doc.Text(told),
+            doc.Code((checks.VERIFY,), command=True),
+            doc.Text(words.deployment_words(certificate)),
+        )
+        yield doc.Section("What to do next", blocks, "next")
+    else:
+        yield from checks.cure_section(certificate.checks)
 
 
 def _problem(problem: Problem) -> doc.Section:
@@ -192,13 +226,10 @@ def _network(certificate: Certificate, analysis: Analysis | None) -> doc.Section
     problem = certificate.problem
     sentences, agents = words.mode_sentences(problem), words.agents_table(problem)
     hidden = len(problem.network.modes) - len(sentences)
-    drawn, legend = pictures.network_pictures(certificate)
-    shown = doc.on_pages(doc.Pictures(drawn, small=True), doc.Text(legend, "caption"))
-    table = () if agents is None else (agents,)
     blocks = (
         doc.List(sentences),
         *((doc.on_pages(doc.Text(f"And {hidden} more modes.")),) if hidden else ()),
-        *((doc.Beside(((shown,), table), second_wider=True),) if len(drawn) == 1 and table else (shown, *table)),
+        *(() if agents is None else (agents,)),
         *_graphs(analysis),
     )
     return doc.Section("Who listens to whom", blocks, "network", "Network")

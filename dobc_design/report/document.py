@@ -274,7 +274,8 @@ class Only(Block):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Document:
-    """A whole document: what it is and about whom, its verdict, what identifies it, and its blocks."""
+    """A whole document: what it is and about whom, its verdict, what identifies it, and its blocks.  ``details`` come
+    after them: closed on a page until somebody opens them, printed only where the whole report is asked for."""
 
     kind: str
     name: str
@@ -283,10 +284,12 @@ class Document:
     identity: Sequence[tuple[str, str]]
     footer: str
     blocks: Sequence[Block]
+    details: Sequence[Block] = ()
 
     def section(self, name: str) -> Sequence[Block]:
         """The blocks of the section of this name; empty where there is none."""
-        return next((each.blocks for each in self.blocks if isinstance(each, Section) and each.name == name), ())
+        sections = (each for each in (*self.blocks, *self.details) if isinstance(each, Section))
+        return next((each.blocks for each in sections if each.name == name), ())
 
 
 def on_pages(*blocks: Block) -> Only:
@@ -307,7 +310,8 @@ def table_of(caption: str, rows: Iterable[Any], *columns: Column, cards: bool = 
 
 def in_form(document: Document, form: Form) -> Document:
     """The document as one form shows it: ``Only``, ``Beside``, its columns and sections left empty are resolved."""
-    return replace(document, blocks=tuple(_chosen(document.blocks, form)))
+    shown, more = (tuple(_chosen(blocks, form)) for blocks in (document.blocks, document.details))
+    return replace(document, blocks=shown, details=more)
 
 
 def _chosen(blocks: Sequence[Block], form: Form) -> Iterator[Block]:

@@ -17,8 +17,8 @@ _SPECIAL = re.compile(r"[\\`*_\[\]|<>~$&#]")
 _OPENING = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")  # would begin a list or underline a heading
 
 
-def html_page(document: doc.Document) -> str:
-    """The page.  The same document gives the same text."""
+def html_page(document: doc.Document, *, full: bool = False) -> str:
+    """The page; ``full``: with its details open, to be printed.  The same document gives the same text."""
     loader = PackageLoader("dobc_design.report")
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -32,7 +32,7 @@ def html_page(document: doc.Document) -> str:
         "typeset": typeset,
     }
     template = environment.get_template("document.html.j2")
-    return template.render(document=doc.in_form(document, "html"), leads=doc.leads) + "\n"
+    return template.render(document=doc.in_form(document, "html"), full=full, leads=doc.leads) + "\n"
 
 
 def _math(latex: str, *, display: bool = False) -> Fragment:
@@ -47,7 +47,8 @@ def markdown_page(document: doc.Document) -> str:
     verdict = document.verdict
     word = f"{verdict.mark.symbol} {verdict.word.upper()}." if verdict.mark.symbol else escape(verdict.word)
     lines = [f"# {escape(document.name)}\n", f"**{word}** {escape(verdict.reason)}\n"]
-    for block in doc.in_form(document, "markdown").blocks:
+    shown = doc.in_form(document, "markdown")
+    for block in (*shown.blocks, *shown.details):
         lines += _lines(block, top=True)
     return "\n".join(lines).rstrip() + "\n"
 

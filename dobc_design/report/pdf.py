@@ -29,6 +29,7 @@ from dobc_design.report.words import capitalize_first, typeset
 STANDARD: Final[Literal["ua-1"]] = "ua-1"  # PDF/UA-1: readable by assistive technology
 #: Names of matrices in the template, by their LaTeX; the others have the same.
 MATRIX_NAMES: Final = {r"P_{\text{given}}": "P given", r"S_{\text{given}}": "S given", r"\Lambda": "Lambda"}
+PRINTED: Final = ("recheck", "signatures")  # the details that belong to every printed report
 LONGEST_NUMBER: Final = 12  # digits of numerator and denominator that are still printed as a fraction
 LONGEST_WORD: Final = 16  # in a cell; longer ones may be broken anywhere
 _SOFT = "\u200b"  # a place where a line may break
@@ -38,10 +39,11 @@ _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _JOINT = re.compile(r"([/_.,;:@-])")
 
 
-def pdf_page(document: doc.Document) -> bytes:
-    """The bytes of the PDF.  Raises: SpecError without the package typst."""
+def pdf_page(document: doc.Document, *, full: bool = False) -> bytes:
+    """The bytes of the PDF; ``full``: with all details, not only how to check it and where to sign.  Raises: SpecError
+    without the package typst."""
     require_typst()
-    return compile_pdf(content(document))
+    return compile_pdf(content(document, full=full))
 
 
 def require_typst() -> None:
@@ -53,9 +55,10 @@ def require_typst() -> None:
         raise SpecError("a PDF needs the package typst, which is not installed.", key="pdf", cure=cure) from error
 
 
-def content(document: doc.Document) -> dict[str, Any]:
+def content(document: doc.Document, *, full: bool = False) -> dict[str, Any]:
     """Everything that the template shows, as JSON: strings, lists and numbers' digits."""
-    verdict = document.verdict
+    document, verdict = doc.in_form(document, "pdf"), document.verdict
+    more = [each for each in document.details if full or (isinstance(each, doc.Section) and each.name in PRINTED)]
     return {
         "kind": document.kind,
         "title": soft(document.title, 24),
@@ -66,7 +69,7 @@ def content(document: doc.Document) -> dict[str, Any]:
         "reason": soft(verdict.reason, 40),
         "identity": [[name, soft(value, 70)] for name, value in document.identity],
         "facts": [[name, soft(value)] for name, value in verdict.facts],
-        "blocks": list(_blocks(doc.in_form(document, "pdf").blocks)),
+        "blocks": list(_blocks((*document.blocks, *more))),
     }
 
 
@@ -184,18 +187,18 @@ def _matrix(shown: doc.ShownMatrix) -> dict[str, Any]:
     name, label = MATRIX_NAMES.get(shown.name, shown.name), capitalize_first(shown.what)
     if shown.latex is None:
         return _text(f"{label} ({name}) is {shown.size}, too large to be printed; see certificate.json.")
-    rows = [[number_parts(entry) for entry in row] for row in shown.matrix]
+    rows = [[number_parts(entry, exact=False) for entry in row] for row in shown.matrix]
     return {"kind": "matrix", "name": name, "label": soft(label), "rows": rows}
 
 
-def number_parts(value: Fraction) -> dict[str, Any]:
-    """A rational for the template: sign and digits, a fraction, or a rounded decimal with its power of ten."""
+def number_parts(value: Fraction, *, exact: bool = True) -> dict[str, Any]:
+    """A rational for the template: sign and digits, a rounded decimal with its power of ten, or where ``exact`` a
+    fraction that has no short decimal."""
     sign, size = value < 0, abs(value)
     small = max(size.numerator.bit_length(), size.denominator.bit_length()) <= 4 * LONGEST_NUMBER
-    if small and len(str(size.numerator)) + len(str(size.denominator)) <= LONGEST_NUMBER + 1:
-        over = None if size.denominator == 1 else str(size.denominator)
-        return {"negative": sign, "digits": str(size.numerator), "over": over, "power": None}
-    mantissa, _, power = significant(size).partition("e")
+    if exact and small and Fraction(significant(size, 6)) != size:
+        return {"negative": sign, "digits": str(size.numerator), "over": str(size.denominator), "power": None}
+    mantissa, _, power = significant(size, 6 if exact else 5).partition("e")
     return {"negative": sign, "digits": mantissa, "over": None, "power": str(int(power)) if power else None}
 
 

@@ -150,7 +150,7 @@ def _listed(values: Values) -> str:
 
 
 def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Iterator[Picture]:
-    """States, estimates and error of one simulation; nothing where it ended at its start."""
+    """States and estimates of one simulation; nothing where it ended at its start."""
     if len(trajectory.times) < 2:
         return
     for component in range(min(certificate.problem.m, runs.MOST_COMPONENTS)):
@@ -166,7 +166,6 @@ def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Ite
             alt=f"Disturbance and estimate over time; they differ at the end by at most {left} over all agents.",
             draw=lambda ax: runs.in_time(runs.plot_estimates(ax, trajectory), trajectory.times),
         )
-    yield _error_picture(certificate, trajectory)
 
 
 def _state_picture(problem: Problem, trajectory: Trajectory, c: int) -> Picture:
@@ -184,7 +183,7 @@ def _state_picture(problem: Problem, trajectory: Trajectory, c: int) -> Picture:
     )
 
 
-def _error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
+def error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
     """The error with what is proved about it: a bound where this start is covered, else the slope alone."""
     times, error, proved = trajectory.times, trajectory.error(), certificate.envelope(trajectory)
     caption = "The largest |xᵢ − goal| of all agents and components, on a logarithmic axis."
@@ -199,12 +198,13 @@ def _error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
         caption += " Dashed: the slope of the certified rate, for comparison."
     return Picture(
         name="error",
-        title="Distance to the goals",
+        title="Largest distance to the goals over time",
         caption=caption,
         alt=f"{alt}.",
         draw=lambda ax: runs.in_time(
             runs.plot_errors(ax, times, {"|e|∞": error}, envelope=envelope, rate=certificate.rate), times
         ),
+        width=8.4,
     )
 
 

@@ -15,8 +15,10 @@ from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
+from dobc_design.problem.meaning import disturbance_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Region
 from dobc_design.problem.words import switching_words
 from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
@@ -163,7 +165,7 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
     if domain == "global":
         yes = ["Every agent goes to its goal from every start, however far: the proof is global."]
     elif isinstance(domain, Mapping):
-        yes = [f"Every agent goes to its goal from all {domain_words(domain)}."]
+        yes = [f"Every agent goes to its goal from all {domain_words(domain)}: {_norms(domain)}."]
         no = ["It says nothing about starts outside that set. They may converge or not."]
     else:
         yes = ["There is a neighbourhood of the target from which every agent goes to its goal."]
@@ -183,11 +185,69 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
     return yes, [*no, _about_the_model(problem, _TIMED if len(proved) == len(ids_of("timing")) else _IDEAL)]
 
 
+def deployment_words(certificate: Certificate) -> str:
+    """How fast the code has to be, as far as that is proved, and where the code is."""
+    exact = {each.id: each.exact or {} for each in certificate.checks if each.verdict is Verdict.PROVED}
+    late, held = (rational(exact.get(id, {}).get(key)) for id, key in (("delay", "delay"), ("sampling", "period")))
+    allowed = [f"messages that are late by up to {_number(late)} s"] if late else []
+    allowed += [f"couplings and pins that are held for up to {_number(held)} s between samples"] if held else []
+    covered = f"The proof allows {' or '.join(allowed)}. " if allowed else ""
+    return f"{covered}dobc export writes the controller of an agent in C, as an FMU and for python-control."
+
+
+def _norms(domain: Mapping[str, Any]) -> str:
+    """What the norms of a domain measure."""
+    box = domain.get("kind") == "box"
+    what = (
+        "|e|∞ is the largest distance of an agent from its goal" if box else "|e|₂² is the sum of all squared distances"
+    )
+    return what + (" and |εᵢ| the error of its disturbance estimate" if domain.get("disturbance") is not None else "")
+
+
 def _about_the_model(problem: Problem, messages: str) -> str:
     disturbances = "one (A, C) for all agents, " if problem.groups else ""
     disturbances = "one (A, C) for each group of agents, " if problem.is_grouped else disturbances
     text = f"It is about the model as given: single integrators, {disturbances}{messages}. Whether the model fits the"
     return text + " plant is not decided here."
+
+
+def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
+    """What acts on the agents and what was designed against it, numbers in decimals."""
+    problem, W = certificate.problem, certificate.claims.W
+    facts = [
+        (f"Disturbance of {names_in_words(group.agents, 4)}" if problem.is_grouped else "Disturbance", told)
+        for group in problem.groups[:MOST_MODES]
+        for told in [disturbance_words(group.exosystem)]
+    ]
+    facts += [("Coupling", f"h(y) = {', '.join(problem.coupling.texts)}"), ("Target", vector_text(problem.target))]
+    if problem.region is not None:
+        facts.append(("Starts asked for", _starts(problem.region)))
+    if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
+        rows = ["; ".join(decimal(x) for x in row) for row in W]
+        facts.append(("Observer gain W", f"({', '.join(rows)})′, {certificate.claims.gain_source or 'given'}"))
+    facts.append(("Gains of the pins", _pins(problem)))
+    return facts
+
+
+def _starts(region: Region) -> str:
+    pairs = [f"[{decimal(lo)}, {decimal(hi)}]" for lo, hi in region.initial_states]
+    inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
+    errors = region.initial_disturbance
+    return f"every state in {inside}" + ("" if errors is None else f", every estimation error up to {decimal(errors)}")
+
+
+def _pins(problem: Problem) -> str:
+    """Who is pinned with which gain; agents of one gain together."""
+    by_gain: dict[str, list[str]] = {}
+    for agent, gain in problem.pinning.gains.items():
+        by_gain.setdefault(_gain(gain), []).append(problem.network.labels[agent])
+    shown = [f"{gain} 1/s on {names_in_words(names, 6)}" for gain, names in list(by_gain.items())[:MOST_MODES]]
+    return "; ".join(shown) + ("; …" if len(by_gain) > MOST_MODES else "") or "nobody is pinned"
+
+
+def decimal(value: Fraction) -> str:
+    """A number of the problem or of the design, rounded to five digits; the files hold it exactly."""
+    return typeset(significant(value, 5))
 
 
 def agents_table(problem: Problem) -> doc.Table | None:
@@ -220,8 +280,8 @@ def _heard(arcs: Arcs, labels: Sequence[str]) -> list[str]:
 
 def _gain(gain: Matrix) -> str:
     if is_scalar_matrix(gain):
-        return number_text(gain[0][0])
-    return "[" + "; ".join(", ".join(number_text(x) for x in row) for row in gain) + "]"
+        return decimal(gain[0][0])
+    return "[" + "; ".join(", ".join(map(decimal, row)) for row in gain) + "]"
 
 
 def mode_sentences(problem: Problem) -> list[str]:
@@ -257,11 +317,7 @@ def problem_words(problem: Problem) -> str:
     """The size of the problem, its pins, its region and its switching, each in a sentence."""
     told = [size_sentence(problem), pin_sentence(problem)]
     if problem.region is not None:
-        pairs = [f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states]
-        inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
-        errors = problem.region.initial_disturbance
-        noise = "" if errors is None else f" and every estimation error |ξᵢ(0) − ξ̂ᵢ(0)| ≤ {number_text(errors)}"
-        told.append(f"The proof has to cover all starts with every state component in {inside}{noise}.")
+        told.append(f"The proof has to cover all starts with {_starts(problem.region)}.")
     if problem.switching is not None:
         allowed = "are about the arcs of the modes" if problem.switching.signal == "mobile" else "allow any signal"
         told.append(f"Switching in simulations: {switching_words(problem)}.")

@@ -58,9 +58,11 @@ def render_report(
     *,
     searches: Sequence[Falsification] = (),
     pdf: bool = False,
+    full: bool = False,
     progress: Progress | None = None,
 ) -> dict[str, bytes]:
-    """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  Diagnostics, one simulation and
+    """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  ``full``: details are open on
+    the page and printed in the PDF.  Diagnostics, one simulation and
     what the stages of a settling time say about sampling and delays are computed here and handed to the report, which
     computes nothing."""
     from dobc_design.report.content import report_document
@@ -97,10 +99,10 @@ def render_report(
         timings=timings,
         searches=searches,
     )
-    pages = {PAGE: html_page(document).encode("utf-8"), "report.md": markdown_page(document).encode("utf-8")}
+    pages = {PAGE: html_page(document, full=full).encode("utf-8"), "report.md": markdown_page(document).encode("utf-8")}
     if pdf:
         say("setting the PDF")
-        pages[PDF] = pdf_page(document)
+        pages[PDF] = pdf_page(document, full=full)
     return pages
 
 

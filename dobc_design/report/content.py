@@ -104,6 +104,7 @@ def report_document(
             *region_section(problem, certificate.regions, tuple(pictures.region_pictures(certificate.regions))),
             *settling_section(certificate.settling, timings, tuple(pictures.envelope_pictures(certificate.settling))),
             *_searches(searches),
+            *(checks.cure_section(certificate.checks) if verdict is Verdict.PROVED else ()),
             checks.checks_section(certificate.checks),
             _condition(certificate, lambdas or {}),
             *_eigenvalues(certificate, analysis),

@@ -126,7 +126,8 @@ def test_whoever_knows_of_one_exosystem_only_is_refused():
 
 def test_check_says_who_has_which_disturbance():
     said = describe(read(TWO))
-    assert "Group of agent 2 (2, 4): disturbance of order 1. Observer gain W: given." in said
+    assert "Disturbance of 2, 4: constant." in said
+    assert "Observer gain W of 2, 4: given." in said
     assert facts(read(TWO))["groups"] == [["1", "3"], ["2", "4"]]
     assert "groups" not in facts(read("[exosystem]\nA = [[0]]\nC = [[1]]\n"))
 

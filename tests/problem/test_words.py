@@ -59,6 +59,7 @@ def test_words_say_what_else_is_asked():
         "  Every agent is reached from a pinned agent.",
         "Pinned: 1 (k = matrix).",
         "Formation offsets: 2: (3/2, 3/2).",
+        "Disturbance: sine of 2 rad/s (0.3183 Hz, period 3.142 s).",
         "Observer gain W: given. P: given, will be tested.",
         "Region asked for: initial states in [0, 5], [0, 5], estimation error at most 1/2.",
         "Note: Invented.",
@@ -85,6 +86,7 @@ def test_facts_are_the_same_for_a_program():
         "pinned": ["c"],
         "switching": None,
         "notes": ["Invented."],
+        "remarks": [],
     }
 
 

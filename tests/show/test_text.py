@@ -13,10 +13,11 @@ from dobc_design._show.text import latex_matrix, latex_number, latex_text, mathm
 @pytest.mark.parametrize(
     ("value", "shown"),
     [
-        (Fraction(16, 5), r"\frac{16}{5}"),
-        (Fraction(-9, 8), r"-\frac{9}{8}"),
+        (Fraction(16, 5), "3.2"),
+        (Fraction(16, 7), r"\frac{16}{7}"),
+        (Fraction(-9, 8), "-1.125"),
         (Fraction(7), "7"),
-        (Fraction(1, 3**30), r"4.857\cdot 10^{-15}"),
+        (Fraction(1, 3**30), r"4.8569\cdot 10^{-15}"),
         (Fraction(10) ** 400, r"1\cdot 10^{400}"),
         (Fraction(-1, 10**400), r"-1\cdot 10^{-400}"),
         (Fraction(10**20000), r"1\cdot 10^{20000}"),
@@ -42,7 +43,7 @@ def test_an_upper_bound_is_never_shown_smaller_than_it_is():
 
 def test_a_matrix_larger_than_twelve_is_not_shown():
     assert latex_matrix(((Fraction(1),) * 13,)) is None
-    assert latex_matrix(((Fraction(1), Fraction(1, 2)),)) == r"\begin{pmatrix} 1 & \frac{1}{2} \end{pmatrix}"
+    assert latex_matrix(((Fraction(1), Fraction(1, 2)),)) == r"\begin{pmatrix} 1 & 0.5 \end{pmatrix}"
 
 
 def test_user_text_is_escaped_for_latex():

@@ -37,7 +37,7 @@ def markdown_report(certificate: Certificate, **shown: Any) -> str:
 
 def pdf_content(certificate: Certificate, **shown: Any) -> dict[str, Any]:
     """What reaches the Typst template."""
-    return content(report_document(certificate, **shown))
+    return content(report_document(certificate, **shown), full=True)
 
 
 def latex_report(certificate: Certificate, **shown: Any) -> dict[str, str]:

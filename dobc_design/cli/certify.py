@@ -106,6 +106,7 @@ def certify(
     elif manner is not output.Manner.QUIET:
         head = output.verdict_line(problem.name, verdict, reason.removeprefix("Undecided: "))
         settled = certificate.settling if theorem is None else None
+        output.show(output.remark_lines(problem))
         _show(head, certificate, checks, file=None if apply_fix else file)
         output.show([*output.settling_parts(settled), *output.search_parts(searches)])
         output.say(f"\ncertificate  {path}\nproblem      {own}")
@@ -155,6 +156,7 @@ def region(
     if as_json:
         output.print_json(document | {"files": written})
     elif manner is not output.Manner.QUIET:
+        output.show(output.remark_lines(problem))
         output.show(_shown(certificate, searches, wide=output.make_console().width >= WIDE))
         output.say("\n" + "\n".join(f"wrote {path}" for path in written))
     raise typer.Exit(output.EXIT[certificate.verdict.value])
@@ -182,11 +184,14 @@ def _certified(
 
 def _head(certificate: Certificate) -> dict[str, Any]:
     """What both documents begin with."""
+    from dobc_design.problem.meaning import remarks
+
     return {
         "verdict": certificate.verdict.value,
         "reason": certificate.reason,
         "rate": certificate.rate,
         "covered_by": certificate.covered_by,
+        "remarks": list(remarks(certificate.problem)),
         "problem": certificate.problem.name,
         "problem_sha256": certificate.claims.problem_sha256,
     }

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.conditions.schedule.decide import Settling
     from dobc_design.falsification.suspect import Falsification
+    from dobc_design.problem.problem import Problem
 
 EXIT = {"proved": 0, "refuted": 1, "undecided": 3}
 MISTAKE, MACHINE, INTERRUPTED = 2, 4, 130
@@ -199,6 +200,17 @@ class Progress:
     def __exit__(self, *error: object) -> None:
         if self.moving is not None:
             self.moving.stop()
+
+
+def remark_lines(problem: Problem) -> Iterator[Text]:
+    """What looks like a slip in the problem, said before any verdict."""
+    from rich.text import Text
+
+    from dobc_design.problem.meaning import remarks
+
+    found = remarks(problem)
+    yield from (Text.assemble(("Look at this: ", "bold"), remark) for remark in found)
+    yield from [Text("")] * bool(found)
 
 
 def verdict_line(name: str, verdict: str, reason: str) -> Text:

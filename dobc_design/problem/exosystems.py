@@ -7,6 +7,7 @@ not 50.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -21,7 +22,7 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
 
-__all__ = ["KINDS", "constant", "harmonics", "of_kind", "periodic", "polynomial", "ramp", "stacked", "total"]
+__all__ = ["KINDS", "constant", "harmonics", "of_parts", "periodic", "polynomial", "ramp", "stacked", "total"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -75,22 +76,56 @@ class Exosystem(Shown):
 
 
 LARGEST_DEGREE = 20
-KINDS = ("constant", "ramp", "harmonics")  # that a problem file may name
+KINDS = ("constant", "ramp", "harmonics")  # that a problem file may name by ``kind``
+PARTS = ("kind", "constant", "ramp", "hz", "frequencies")  # its keys in place of A and C
+DIGITS = 12  # of 2 pi f for a frequency in Hz
 
 
-def of_kind(kind: Any, *, frequencies: Any = None, components: int = 1) -> Exosystem:
-    """The exosystem that a problem file names by ``kind``, one for each of ``components`` (``stacked``).  Raises:
-    SpecError for an unknown kind, and for frequencies (rad/s) beside another kind than harmonics."""
-    if kind not in KINDS:
-        what = f"must be one of {', '.join(KINDS)}; got {shown(kind)}."
-        raise wrong("exosystem.kind", what, "For another shape give A and C.")
-    if (frequencies is not None) is not (kind == "harmonics"):
-        if frequencies is not None:
-            raise wrong("exosystem.frequencies", "has no meaning for this kind.", "Remove it.")
-        cure = "Write frequencies = [2], in rad/s."
-        raise wrong("exosystem.frequencies", "is required for harmonics and missing.", cure)
-    shape = harmonics(frequencies) if kind == "harmonics" else polynomial(KINDS.index(kind))
-    return stacked(*[shape] * components)
+def of_parts(
+    *,
+    kind: Any = None,
+    constant: Any = None,
+    ramp: Any = None,
+    hz: Any = None,
+    frequencies: Any = None,
+    components: int = 1,
+) -> Exosystem:
+    """The exosystem that a problem file describes in words, one for each of ``components`` (``stacked``): ``constant``
+    and ``ramp`` are true or false, ``hz`` (cycles per second; 2 pi f is rounded to 12 digits) and ``frequencies``
+    (rad/s) numbers or lists; ``kind`` names a single part.  Raises: SpecError naming the key."""
+    if kind is not None:
+        if kind not in KINDS:
+            what = f"must be one of {', '.join(KINDS)}; got {shown(kind)}."
+            raise wrong("exosystem.kind", what, "For another shape give A and C.")
+        if (frequencies is not None) is not (kind == "harmonics"):
+            if frequencies is not None:
+                raise wrong("exosystem.frequencies", "has no meaning for this kind.", "Remove kind: parts add up.")
+            cure = "Write frequencies = [2], in rad/s, or hz = [0.5]."
+            raise wrong("exosystem.frequencies", "is required for harmonics and missing.", cure)
+        constant, ramp = constant or kind == "constant", ramp or kind == "ramp"
+    for key, value in (("constant", constant), ("ramp", ramp)):
+        if value not in (None, True, False) or not isinstance(value, bool | None):
+            raise wrong(f"exosystem.{key}", f"must be true or false; got {shown(value)}.", f"Write {key} = true.")
+    shapes = [polynomial(1 if ramp else 0)] if constant or ramp else []
+    sines = [] if frequencies is None else list(frequencies) if is_list(frequencies) else [frequencies]
+    sines += [] if hz is None else [_angular(f, k) for k, f in enumerate(hz if is_list(hz) else [hz])]
+    if sines or frequencies is not None:
+        shapes.append(harmonics(sines))
+    if not shapes:
+        cure = "Write constant = true, ramp = true, hz = [0.5] or frequencies = [2]; they add up."
+        raise wrong("exosystem", "has no part: nothing is true and no frequency is given.", cure)
+    return stacked(*[total(*shapes)] * components)
+
+
+def _angular(value: Any, place: int) -> Fraction:
+    """2 pi times a frequency in Hz, rounded to twelve digits."""
+    key = f"hz[{place}]"
+    frequency = parse_number(value, key=key)
+    if not 0 < frequency < 10**15:
+        raise wrong(
+            key, f"must be > 0 (Hz, cycles per second); got {shown_number(frequency)}.", "For example hz = [0.5]."
+        )
+    return Fraction(f"{math.tau * frequency.numerator / frequency.denominator:.{DIGITS}g}")
 
 
 def constant() -> Exosystem:

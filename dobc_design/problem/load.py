@@ -256,8 +256,8 @@ def read_exosystem(
     tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
 ) -> tuple[Exosystem | None, tuple[Group, ...]]:
     """The exosystem of the agents in no group, and the groups.  Raises: SpecError naming the keys.  ``dimension_of``:
-    how many state components there are, for the first exosystem given by A and C, or None; an exosystem given by its
-    kind has that many."""
+    how many state components there are, for the first exosystem given by A and C, or None; one given in words has
+    that many."""
     table = tables.exosystem
     if table is None:
         return None, ()
@@ -266,10 +266,10 @@ def read_exosystem(
     groups = [_explicit(group, number=number, errors=errors) for number, group in enumerate(table.groups)]
     raise_all(errors)
     m = dimension_of(next((each for each in (own, *groups) if each is not None), None))
-    own = own or _of_kind(table, number=None, components=m, errors=errors)
+    own = own or _in_words(table, number=None, components=m, errors=errors)
     result = []
     for number, (each, found) in enumerate(zip(table.groups, groups, strict=True)):
-        exosystem = found or _of_kind(each, number=number, components=m, errors=errors)
+        exosystem = found or _in_words(each, number=number, components=m, errors=errors)
         try:
             observer = Observer(W=each.W, P=each.P)
             if exosystem is not None:
@@ -288,12 +288,11 @@ def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors:
     """The exosystem of A and C; None where a kind stands in their place, or where groups alone are given."""
     place = "exosystem" if number is None else group_key(number)
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
-    if table.kind is None and table.frequencies is not None:
-        errors.append(wrong(f"{place}.frequencies", 'belongs to kind = "harmonics".', "Give the kind, or remove it."))
-    if table.kind is not None and matrices:
+    parts = [name for name in exosystems.PARTS if getattr(table, name) is not None]
+    if parts and matrices:
         both = f"stands beside {' and '.join(matrices)}, and one of them would be ignored."
-        errors.append(wrong(f"{place}.kind", both, "Give either A and C or the kind."))
-    if table.kind is not None or (isinstance(table, ExosystemTable) and table.groups and not matrices):
+        errors.append(wrong(f"{place}.{parts[0]}", both, f"Give either A and C or {' and '.join(parts)}."))
+    if parts or (isinstance(table, ExosystemTable) and table.groups and not matrices):
         return None
     for name in sorted({"A", "C"} - set(matrices)):
         example = _EXAMPLES[f"exosystem.{name}"]
@@ -303,21 +302,26 @@ def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors:
     try:
         return Exosystem(A=table.A, C=table.C)
     except SpecError as error:
-        errors.append(error if number is None else renamed(error, number))
+        found = error if number is None else renamed(error, number)
+        if "pi" in str(table.A):  # the commonest reason for pi is a sine
+            cure = f"For a sine write hz = [0.5] or frequencies = [3.14159265] in [{place}], in place of A and C."
+            found = type(found)(str(found).partition("\n")[0], key=found.key, cure=cure)
+        errors.append(found)
         return None
 
 
-def _of_kind(
+def _in_words(
     table: ExosystemTable | GroupTable, *, number: int | None, components: int, errors: list[SpecError]
 ) -> Exosystem | None:
-    if table.kind is None:
+    parts = {name: getattr(table, name) for name in exosystems.PARTS}
+    if all(value is None for value in parts.values()):
         return None
     try:
-        return exosystems.of_kind(table.kind, frequencies=table.frequencies, components=components)
+        return exosystems.of_parts(**parts, components=components)
     except SpecError as error:
         place = "exosystem" if number is None else group_key(number)
         for each in error.errors:
-            key = f"{place}.{(each.key or 'kind').removeprefix('exosystem.')}"
+            key = f"{place}.{(each.key or 'constant').removeprefix('exosystem').removeprefix('.')}".rstrip(".")
             errors.append(type(each)(each.message.replace(each.key or "", key, 1), key=key, cure=each.cure))
         return None
 

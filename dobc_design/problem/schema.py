@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchema
 
-from dobc_design.problem.exosystems import KINDS
+from dobc_design.problem.exosystems import KINDS, PARTS
 from dobc_design.problem.network import ARROWS, LONGEST_LABEL, MOST_AGENTS
 from dobc_design.problem.settings import SIGNALS
 
@@ -81,6 +81,7 @@ Count = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 1})
 Modes = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_list_of(_ARC, None), _FILE) | {"minProperties": 1})]
 Gains = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
 Kind = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(KINDS)})]
+Flag = Annotated[Any, _GIVEN, WithJsonSchema({"type": "boolean"})]
 Members = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_LABEL))]
 Offsets = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
 
@@ -117,16 +118,22 @@ class PinningTable(_Table):
     gains: Gains = Field(default=None, description="Label -> k, or one number for all agents.")
 
 
+_WAYS: Any = [{"required": list(keys)} for keys in (("A", "C"), *((part,) for part in PARTS))]
+
+
 class GroupTable(_Table):
     """[[exosystem.groups]]: agents with an exosystem and an observer of their own."""
 
-    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["A", "C"]}, {"required": ["kind"]}]})
+    model_config = ConfigDict(json_schema_extra={"anyOf": _WAYS})
 
     agents: Members = Field(description="Labels; an agent is in one group at most.")
     A: NumberMatrix = None
     C: NumberMatrix = None
-    kind: Kind = Field(default=None, description="In place of A and C: a common shape.")
-    frequencies: NumberOrList = Field(default=None, description="rad/s, of the kind harmonics.")
+    constant: Flag = Field(default=None, description="In place of A and C: a constant part.")
+    ramp: Flag = Field(default=None, description="A constant and a ramp.")
+    hz: NumberOrList = Field(default=None, description="Sines, in Hz (cycles per second).")
+    frequencies: NumberOrList = Field(default=None, description="Sines, in rad/s.")
+    kind: Kind = Field(default=None, description="A single part by its name.")
     W: NumberMatrix = Field(default=None, description="Without it W is designed, for observer.rate.")
     P: NumberMatrix = Field(default=None, description="Beside W, for every group or none; tested as it is.")
 
@@ -134,14 +141,15 @@ class GroupTable(_Table):
 class ExosystemTable(_Table):
     """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group."""
 
-    model_config = ConfigDict(
-        json_schema_extra={"anyOf": [{"required": ["A", "C"]}, {"required": ["kind"]}, {"required": ["groups"]}]}
-    )
+    model_config = ConfigDict(json_schema_extra={"anyOf": [*_WAYS, {"required": ["groups"]}]})
 
     A: NumberMatrix = None
     C: NumberMatrix = None
-    kind: Kind = Field(default=None, description="In place of A and C: a common shape.")
-    frequencies: NumberOrList = Field(default=None, description="rad/s, of the kind harmonics.")
+    constant: Flag = Field(default=None, description="In place of A and C: a constant part.")
+    ramp: Flag = Field(default=None, description="A constant and a ramp.")
+    hz: NumberOrList = Field(default=None, description="Sines, in Hz (cycles per second).")
+    frequencies: NumberOrList = Field(default=None, description="Sines, in rad/s.")
+    kind: Kind = Field(default=None, description="A single part by its name.")
     groups: list[GroupTable] = []
 
 

@@ -139,10 +139,34 @@ def test_check_says_who_has_which_disturbance():
         ('kind = "ramp"', exosystems.ramp()),
         ('kind = "harmonics"\nfrequencies = [2, "1/3"]', exosystems.harmonics([2, "1/3"])),
         ('kind = "harmonics"\nfrequencies = 2', exosystems.harmonics(2)),
+        ("constant = true", exosystems.constant()),
+        ("ramp = true\nconstant = true", exosystems.ramp()),
+        ("hz = 0.5", exosystems.harmonics("3.14159265359")),
+        (
+            "constant = true\nhz = [50, 0.5]\nfrequencies = 2",
+            exosystems.total(exosystems.constant(), exosystems.harmonics([2, "314.159265359", "3.14159265359"])),
+        ),
     ],
 )
 def test_a_kind_stands_for_the_matrices_of_its_constructor(kind, shape):
     assert read(f"[exosystem]\n{kind}\n").exosystem == shape
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("constant = false", "exosystem has no part"),
+        ("ramp = 1", "exosystem.ramp must be true or false; got 1"),
+        ("hz = [1, 0]", r"exosystem.hz\[1\] must be > 0"),
+        ("hz = 1\nA = [[0]]\nC = [[1]]", "exosystem.hz stands beside A and C"),
+        ("hz = 0.5\nfrequencies = 3.14159265359", r"frequencies\[1\] must differ"),
+        ('A = [[0, "2*pi"], ["-2*pi", 0]]\nC = [[1, 0]]', r"For a sine write hz = \[0.5\] or frequencies"),
+        ('[[exosystem.groups]]\nagents = [1]\nhz = "-1"', r"exosystem.groups\[0\].hz\[0\] must be > 0"),
+    ],
+)
+def test_a_disturbance_in_words_that_means_nothing_is_refused(text: str, message: str):
+    with pytest.raises(SpecError, match=message):
+        read(f"[exosystem]\n{text}\n")
 
 
 def test_a_kind_gives_every_state_component_a_disturbance_of_its_own():

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from bad_files import BAD_FILES, UNKNOWN_KEYS, VALID, VALID_BUT_NASTY
 
+from dobc_design.problem.exosystems import PARTS
 from dobc_design.problem.load import builtin_names, builtin_text, known_keys
 from dobc_design.problem.network import ARROWS
 from dobc_design.problem.schema import RESERVED, json_schema
@@ -22,8 +23,8 @@ CONTRACT = {
     "coupling": {"h", "exceptions"},
     "coupling.exceptions": {"arcs", "h"},
     "pinning": {"gains"},
-    "exosystem": {"A", "C", "kind", "frequencies", "groups"},
-    "exosystem.groups": {"agents", "A", "C", "kind", "frequencies", "W", "P"},
+    "exosystem": {"A", "C", "groups", *PARTS},
+    "exosystem.groups": {"agents", "A", "C", "W", "P", *PARTS},
     "observer": {"W", "P", "rate"},
     "formation": {"offsets"},
     "region": {"initial_states", "initial_disturbance"},
@@ -64,10 +65,13 @@ def test_what_must_be_there_is_required():
     }
 
 
+WORDS = [{part} for part in PARTS]
+
+
 @pytest.mark.parametrize(
-    ("path", "ways"), [("exosystem", [{"A", "C"}, {"kind"}, {"groups"}]), ("exosystem.groups", [{"A", "C"}, {"kind"}])]
+    ("path", "ways"), [("exosystem", [{"A", "C"}, *WORDS, {"groups"}]), ("exosystem.groups", [{"A", "C"}, *WORDS])]
 )
-def test_an_exosystem_is_given_by_matrices_by_a_kind_or_by_groups(path, ways):
+def test_an_exosystem_is_given_by_matrices_in_words_or_by_groups(path, ways):
     assert [set(way["required"]) for way in table(json_schema(), path)["anyOf"]] == ways
 
 

@@ -1,6 +1,7 @@
 """The three answers a question of mathematics can get here: proved, refuted, undecided.
 
-A Verdict has no truth value on purpose: ``if verdict`` would read "undecided" as yes or as no.
+A Verdict has no truth value on purpose: ``if verdict`` would read "undecided" as yes or as no.  It equals its word;
+comparing it with any other text is an error, so that a slip is never silently false.
 """
 
 from __future__ import annotations
@@ -28,6 +29,14 @@ class Verdict(_Framed, Enum):
 
     def __bool__(self) -> NoReturn:
         raise TypeError("a Verdict has three values; write `verdict is Verdict.PROVED`")
+
+    def __eq__(self, other: object) -> bool:
+        if isinstance(other, str) and other not in ("proved", "refuted", "undecided"):
+            raise ValueError(f'a Verdict is "proved", "refuted" or "undecided"; it was compared with {other!r}')
+        return self is other or self.value == other
+
+    def __hash__(self) -> int:
+        return hash(self.value)
 
     def __str__(self) -> str:
         return self.value

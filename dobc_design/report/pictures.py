@@ -186,13 +186,13 @@ def _state_picture(problem: Problem, trajectory: Trajectory, c: int) -> Picture:
 def error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
     """The error with what is proved about it: a bound where this start is covered, else the slope alone."""
     times, error, proved = trajectory.times, trajectory.error(), certificate.envelope(trajectory)
-    caption = "The largest |xᵢ − goal| of all agents and components, on a logarithmic axis."
+    caption = "Solid: |e|∞, the largest |xᵢ − goal| of all agents in one simulated run."
     alt = f"Largest error over time: {number(float(error[0]))} at the start, {number(float(error[-1]))} at the end"
     envelope = None
     if proved.sources:
         bound = proved(times)
         envelope = np.stack([times, bound], axis=1)
-        caption += f" Dashed: what {' and '.join(proved.sources)} prove{'s' * (len(proved.sources) == 1)} about it."
+        caption += f" Dashed: certified upper bound for this start ({' and '.join(proved.sources)})."
         alt += f"; proved to be at most {number(float(bound[-1]))} there"
     elif certificate.rate:
         caption += " Dashed: the slope of the certified rate, for comparison."

@@ -17,7 +17,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.report.pictures import simulation_pictures, svg_of
+from dobc_design.report.pictures import error_picture, svg_of
 from dobc_design.verdict import Verdict
 
 
@@ -220,11 +220,11 @@ def test_times_without_a_meaning_are_refused(curved, times):
 def test_the_report_draws_the_bound_and_says_whose_it_is(curved):
     """Where the start is not covered, the slope of the rate stands there, as a slope."""
     problem, certificate = curved
-    *_, picture = simulation_pictures(only(certificate, "max-separable"), dd.simulate(problem, t_final=2))
-    assert picture.caption.endswith("Dashed: what max-separable proves about it.")
+    picture = error_picture(only(certificate, "max-separable"), dd.simulate(problem, t_final=2))
+    assert picture.caption.endswith("Dashed: certified upper bound for this start (max-separable).")
     assert "certified bound" in svg_of(picture)
     outside = dd.simulate(problem, start={"x": 3 * FAR}, t_final=2)
-    *_, picture = simulation_pictures(only(certificate, "max-separable"), outside)
+    picture = error_picture(only(certificate, "max-separable"), outside)
     assert picture.caption.endswith("the slope of the certified rate, for comparison.")
     assert "certified bound" not in svg_of(picture)
 

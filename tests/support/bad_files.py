@@ -234,7 +234,7 @@ GROUPS_AND_KINDS = [
     bad("xi0-of-groups-in-one-row", group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"), "simulation.xi0", "row"),
     bad("kind-beside-matrices", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", "ignored"),
     bad("kind-without-frequencies", kind('kind = "harmonics"'), "exosystem.frequencies", "required"),
-    bad("frequencies-alone", below("[exosystem]", "frequencies = [2]"), "exosystem.frequencies", "harmonics"),
+    bad("frequencies-alone", below("[exosystem]", "frequencies = [2]"), "exosystem.frequencies", "ignored"),
 ]
 
 MISSING_OR_OF_A_WRONG_KIND = [

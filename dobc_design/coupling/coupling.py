@@ -6,9 +6,10 @@ h(0) = 0 is shown in exact arithmetic; slopes at 0 are exact where they are rati
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import InitVar, dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -119,9 +120,10 @@ class Coupling(Shown):
         return self.numpy_function()(y)
 
 
-def make_coupling(h: str | Sequence[str], *, dimension: int, key: str = "coupling.h") -> Coupling:
+def make_coupling(h: Any, *, dimension: int, key: str = "coupling.h") -> Coupling:
     """Read a coupling: one text in y, applied by component, or m texts in y1..ym; if these are one function, each of
-    its own component, they are the same as the one text."""
+    its own component, they are the same as the one text.  A SymPy expression stands for its text."""
+    h = _text(h)
     if isinstance(h, str) and not isinstance(h, NumberText):
         _refuse_numbered_names(h, dimension=dimension, key=key)
         return Coupling(components=(parse_expression(h, key=key),), by_component=True, dimension=dimension, key=key)
@@ -135,13 +137,20 @@ def make_coupling(h: str | Sequence[str], *, dimension: int, key: str = "couplin
     errors: list[SpecError] = []
     for position, text in enumerate(h):
         with kept(errors):
-            read.append(parse_expression(text, dimension=dimension, key=f"{key}[{position}]"))
+            read.append(parse_expression(_text(text), dimension=dimension, key=f"{key}[{position}]"))
     raise_all(errors)
     own = all(set(language.variables_used(each.node)) <= {c} for c, each in enumerate(read))
     functions = {re.sub(r"\by[0-9]+\b", "y", str(each)) for each in read}
     if own and len(functions) == 1:  # one function of its own component each
         read = [parse_expression(functions.pop(), key=key)]
     return Coupling(components=tuple(read), by_component=len(read) == 1, dimension=dimension, key=key)
+
+
+def _text(h: Any) -> Any:
+    """The text of a SymPy expression, whose Abs, Max and Min are ours in lower case; anything else as it is."""
+    if isinstance(h, str) or not hasattr(h, "free_symbols"):
+        return h
+    return re.sub(r"\b(Abs|Max|Min)\b", lambda found: found[0].lower(), str(h))
 
 
 def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:

@@ -6,7 +6,7 @@ A Problem is frozen, exact and cannot exist invalid.  It holds no solver's answe
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from functools import partial
 from itertools import islice
@@ -235,8 +235,25 @@ class Problem(Shown):
     def __hash__(self) -> int:
         return hash((self.name, self.network, self.coupling, self.target, self.pinning))
 
+    def replace(self, **changes: Any) -> Problem:
+        """The problem with other arguments, named and written as those of ``Problem``; of ``region`` and
+        ``simulation`` as a mapping only the keys named change.
+
+        Example:
+            >>> dd.load_problem("paper-fixed").replace(gains={1: 7, 6: 7}, region={"initial_states": [0, 4]}).name
+            'paper-fixed'
+        """
+        for name in ("region", "simulation"):
+            old = getattr(self, name)
+            if old is not None and isinstance(changes.get(name), Mapping):
+                kept_keys = {each.name: getattr(old, each.name) for each in fields(old)}
+                changes[name] = {key: value for key, value in kept_keys.items() if value is not None} | changes[name]
+        return Problem(**self._arguments() | changes)
+
     def __reduce__(self) -> tuple[Any, ...]:
-        # Made anew from its arguments, since the read-only mappings cannot be pickled.
+        return _remake, (self._arguments(),)  # the read-only mappings cannot be pickled
+
+    def _arguments(self) -> dict[str, Any]:
         names = ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
         found = {name: getattr(self, name) for name in names}
         found |= {"gains": self.pinning, "exceptions": dict(self.exceptions)}
@@ -245,7 +262,7 @@ class Problem(Shown):
         else:
             found |= {"exosystem": self.exosystem, "observer": self.observer if self.groups else None}
         found["offsets"] = {self.network.labels[i]: offset for i, offset in self.offsets.items()}
-        return _remake, (found,)
+        return found
 
     def _card(self) -> Card:
         labels, modes = self.network.labels, self.network.modes

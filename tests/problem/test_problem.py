@@ -7,11 +7,13 @@ import dataclasses
 import pickle
 from decimal import Decimal
 from fractions import Fraction
+from typing import Any
 
 import control
 import networkx as nx
 import numpy as np
 import pytest
+import sympy
 from hypothesis import given
 from hypothesis import strategies as st
 from random_problems import random_problem
@@ -20,6 +22,7 @@ from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import ExpressionError, ShapeError, SpecError
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
+from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Pinning, Problem
 from dobc_design.problem.settings import Region, Simulation, Switching
@@ -272,3 +275,30 @@ def test_copies_of_a_problem_are_equal(seed):
     for again in (copy.copy(problem), copy.deepcopy(problem), pickle.loads(pickle.dumps(problem))):
         assert again == problem
         assert list(again.network.modes) == list(problem.network.modes)
+
+
+def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
+    problem = load_problem("paper-fixed")
+    changed = problem.replace(gains={1: 7}, region={"initial_states": [0, 4]}, simulation={"seed": 5})
+    for kept in ("network", "coupling", "exosystem", "observer", "name"):
+        assert getattr(changed, kept) == getattr(problem, kept)
+    assert changed.pinning.gains == {0: ((7,),)}
+    assert changed.region == Region(initial_states=((0, 4),), initial_disturbance=Fraction(1, 2))
+    assert changed.simulation == dataclasses.replace(problem.simulation, seed=5)
+    assert problem.replace() == problem
+    with pytest.raises(SpecError, match=r"region\.initial"):
+        problem.replace(region={"initial": 3})
+
+
+@pytest.mark.parametrize(
+    ("expression", "text"),
+    [
+        (lambda y: sympy.tanh(y) + sympy.Rational(1, 3) * y, "y/3 + tanh(y)"),
+        (lambda y: 0.3 * y + sympy.Abs(y) * y, "0.3*y + y*abs(y)"),
+        (lambda y: sympy.Max(y, 2 * y), "max(y, 2*y)"),
+        (lambda y: sympy.exp(y) - 1, "exp(y) - 1"),
+    ],
+)
+def test_a_coupling_may_be_given_as_a_sympy_expression(expression: Any, text: str):
+    problem = load_problem("paper-fixed")
+    assert problem.replace(coupling=expression(sympy.Symbol("y"))).coupling == problem.replace(coupling=text).coupling

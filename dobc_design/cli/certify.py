@@ -42,7 +42,9 @@ def certify(
     apply_fix: Annotated[
         Path | None, typer.Option("--apply-fix", help="Write the cured problem here, a new .toml file.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --apply-fix.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite the file of --apply-fix and another problem's folder.")
+    ] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
     as_json: output.Json = False,
@@ -62,7 +64,7 @@ def certify(
     tolerance = _tolerance(settling)
     seconds = None if time_limit is None else read_time_limit(time_limit, key="--time-limit")
     problem = load_problem(file)
-    folder = output.results_folder(out, problem.name)
+    folder = output.require_own(output.results_folder(out, problem.name), problem.name, force=force)
     pages: dict[str, bytes] = {}
     with output.Progress(manner) as progress:
         how: dict[str, Any] = {"everything": everything, "time_limit": seconds}

@@ -575,3 +575,15 @@ def test_force_replaces_the_cured_file_and_a_json_problem_becomes_a_toml_one(dob
     ran = dobc("certify", "out/problem.json", "--no-report", "--apply-fix", "cured.toml", "--force")
     assert ran.code == 1
     assert dobc("certify", "cured.toml", "--no-report").code == 0
+
+
+def test_a_certificate_folder_of_another_problem_is_kept_unless_forced(dobc):
+    chain = write(CHAIN)
+    assert dobc("certify", chain, "--no-report", "--out", "c").code in (0, 1, 3)
+    before = listing(Path("c"))
+    other = dobc("certify", "paper-fixed", "--no-report", "--out", "c")
+    assert other.code == 2
+    assert "holds the certificate of another problem" in other.err
+    assert listing(Path("c")) == before
+    assert dobc("certify", chain, "--no-report", "--out", "c").code in (0, 1, 3)
+    assert dobc("certify", "paper-fixed", "--no-report", "--out", "c", "--force").code == 0

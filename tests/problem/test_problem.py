@@ -294,7 +294,7 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
     ("expression", "text"),
     [
         (lambda y: sympy.tanh(y) + sympy.Rational(1, 3) * y, "y/3 + tanh(y)"),
-        (lambda y: 0.3 * y + sympy.Abs(y) * y, "0.3*y + y*abs(y)"),
+        (lambda y: 0.3 * y + sympy.Abs(y) * y, "y*abs(y) + 0.3*y"),
         (lambda y: sympy.Max(y, 2 * y), "max(y, 2*y)"),
         (lambda y: sympy.exp(y) - 1, "exp(y) - 1"),
     ],

@@ -43,7 +43,7 @@ def certify(
         Path | None, typer.Option("--apply-fix", help="Write the cured problem here, a new .toml file.")
     ] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Overwrite the file of --apply-fix and another problem's folder.")
+        bool, typer.Option("--force", help="Replace the cured file, or another problem's folder.")
     ] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dobc_design._show.text import latex_matrix, latex_number
@@ -29,6 +30,7 @@ LONGEST_NAME = 70  # characters, in the footer of a printed page
 MOST_GRAPHS, MOST_SPECTRA = 12, 40  # rows
 MOST_EIGENVALUES, MOST_SAMPLES, MOST_LAMBDAS = 8, 9, 6
 LONGEST_VECTOR = 12
+_ALSO = "A cure for the check that failed"
 _WORDS = (
     (
         "margin",
@@ -80,7 +82,7 @@ def report_document(
     the consensus, printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time;
     ``searches`` for counterexamples."""
     problem, again, verdict = certificate.problem, checks.reproduction(certificate), certificate.verdict
-    mark, facts = words.mark_of(verdict), tuple(_facts(certificate))
+    mark, facts, proved = words.mark_of(verdict), tuple(_facts(certificate)), verdict is Verdict.PROVED
     identity = checks.title_block(again)
     verdicts = doc.Terms([(words.mark_of(each), "", words.MEANINGS[each]) for each in Verdict])
     return doc.Document(
@@ -104,7 +106,7 @@ def report_document(
             *region_section(problem, certificate.regions, tuple(pictures.region_pictures(certificate.regions))),
             *settling_section(certificate.settling, timings, tuple(pictures.envelope_pictures(certificate.settling))),
             *_searches(searches),
-            *(checks.cure_section(certificate.checks) if verdict is Verdict.PROVED else ()),
+            *(replace(each, title=_ALSO) for each in checks.cure_section(certificate.checks) if proved),
             checks.checks_section(certificate.checks),
             _condition(certificate, lambdas or {}),
             *_eigenvalues(certificate, analysis),

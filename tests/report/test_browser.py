@@ -15,8 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from certified import certified
 from chromium import CHROMIUM, alone, browser, until
-from shown import compare_html, html_report
+from shown import Page, compare_html, html_report
+
+from dobc_design.report.write import render_report
 
 AXE = os.environ.get("AXE_SCRIPT", "")
 RULES = '["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]'
@@ -38,7 +41,7 @@ frame.onload = () => {{
   const sizes = name => [...page.querySelectorAll(name)].map(e => {{
     const box = e.getBoundingClientRect(); return [box.width, box.height]; }});
   document.getElementById("result").textContent = JSON.stringify({{
-    math: sizes("math"), svg: sizes("svg"), scroll: root.scrollWidth, client: root.clientWidth,
+    math: sizes("math"), svg: sizes("svg"), scroll: root.scrollWidth, client: root.clientWidth, tall: root.scrollHeight,
     font: getComputedStyle(page.body).fontSize}});
 }};
 </script>"""
@@ -143,7 +146,8 @@ def test_everything_has_a_size_and_nothing_scrolls_sideways(
     everything: dict[str, Any], wide: dict[str, Any], asked_for: dict[str, Any], tmp_path: Path, width: int
 ):
     for arguments, pictures in ((everything, 6), (wide, 6), (asked_for, 3)):
-        sizes, log = measure(html_report(**arguments), tmp_path, width=width)
+        page = html_report(**arguments).replace("<details ", "<details open ")
+        sizes, log = measure(page, tmp_path, width=width)
         assert len(sizes["math"]) > 10
         assert all(w > 0 and h > 0 for w, h in sizes["math"])
         assert len(sizes["svg"]) >= pictures
@@ -151,3 +155,35 @@ def test_everything_has_a_size_and_nothing_scrolls_sideways(
         assert sizes["scroll"] <= sizes["client"], f"{sizes['scroll']} px wide on a screen of {sizes['client']}"
         console = [line for line in log.splitlines() if "CONSOLE" in line]
         assert console == []
+
+
+@pytest.fixture(scope="module")
+def paper_fixed() -> str:
+    return render_report(certified("paper-fixed"))["report.html"].decode("utf-8")
+
+
+def test_what_is_in_sight_of_a_report_is_at_most_900_words(paper_fixed: str):
+    closed = re.sub(
+        r"(<details[^>]*>\s*<summary>.*?</summary>).*?</details>", r"\1</details>", paper_fixed, flags=re.DOTALL
+    )
+    page = Page(re.sub(r"<style>.*?</style>", "", closed, flags=re.DOTALL))
+    assert page.wrong == []
+    assert 200 < len(page.text.split()) <= 900
+    assert "theorem1-printed" not in page.text  # a check that failed is no alarm where the verdict is proved
+    for words in ("Proved", "0.204 1/s", "sine of 2 rad/s", "(3.2, 2.4)′", "5 1/s on 1 and 6", "dobc verify"):
+        assert words in page.text
+
+
+@needs_chromium
+def test_a_report_is_three_screens_high_and_three_pages_long(paper_fixed: str, tmp_path: Path):
+    sizes, _ = measure(paper_fixed, tmp_path, width=1280)
+    assert sizes["tall"] <= 3500
+    pages = {}
+    for name, text in (("closed", paper_fixed), ("open", paper_fixed.replace("<details ", "<details open "))):
+        (tmp_path / f"{name}.html").write_text(text, encoding="utf-8")
+        target = tmp_path / f"{name}.pdf"
+        source = (tmp_path / f"{name}.html").as_uri()
+        profile = f"--user-data-dir={tmp_path / 'printing'}"
+        subprocess.run(alone(profile, f"--print-to-pdf={target}", source), capture_output=True, timeout=120, check=True)
+        pages[name] = max(map(int, re.findall(rb"/Count\s+(\d+)", target.read_bytes())))
+    assert pages["closed"] <= 4 < pages["open"]

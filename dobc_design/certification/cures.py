@@ -21,7 +21,6 @@ from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, too_large
 from dobc_design.conditions.observer.propose import design_gain
 from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale
-from dobc_design.exact.number import number_text
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.problem.changes import changed_problem, gain_table, typed_matrix, typed_number
 from dobc_design.problem.exosystems import Exosystem
@@ -31,7 +30,6 @@ from dobc_design.verdict import Verdict
 logger = logging.getLogger("dobc_design")
 
 SHOWN = 4  # agents whose gains stand in a sentence
-ENTRIES = 6  # of a direction that stand in a sentence
 RIVALS = 5
 FACTORS = (1.0, 1.01, 1.1, 2.0)  # by which gains are raised until they are proved to do
 LARGEST_LOOK = 60  # agents up to which one more pin is tried though the present ones do
@@ -209,21 +207,17 @@ def _pin_fix(
     held_back: tuple[str, Vector] | None = None,
     groups: Sequence[tuple[int, ...]] = (),
 ) -> Fix:
-    """What to do, why that is the least, and what was considered: ``faster``, the same pins; ``other``, one more pin
-    though the present ones do; a direction that ``held_back`` all gains there; ``groups`` each of which needs a pin."""
+    """What to do and what was considered: ``accepted`` are the smallest gains, ``faster`` those that are recommended on
+    the same agents; ``other``, one more pin though the present ones do; a direction that ``held_back`` all gains there;
+    ``groups`` each of which needs a pin."""
     several_modes = len(problem.network.modes) > 1
-    parts = [_task(problem, accepted)]
+    chosen = faster[0] if faster else accepted
+    parts = [_task(problem, chosen, minimum=accepted if faster else None)]
     if held_back is not None:
         mode, vector = held_back
-        who = carriers(problem, vector)
-        moved = [x for x in vector if x]
-        simple = problem.m > 1 or len(moved) > ENTRIES or len(set(moved)) == 1
-        shown = "" if simple else f" (v = {', '.join(map(number_text, moved))})"
-        parts.append(
-            f"No gains on the present pins can do: {name_agents(who)}, without a pin,"
-            f" {'carries' if len(who) == 1 else 'carry'} a direction that they do not touch and along which V = e'e"
-            f" does not decrease{f' in mode {mode}' if several_modes else ''}{shown}."
-        )
+        who, pins = name_agents(carriers(problem, vector)), name_agents(_labels(problem, problem.pinning.agents))
+        where = f" in mode {mode}" if several_modes else ""
+        parts.append(f"No gain on {pins} can help: the error of {who} would not decrease{where}.")
     least = [group for group in groups if not any(set(each) < set(group) for each in groups)]
     if len(least) > 1:
         named = " and ".join(
@@ -239,18 +233,17 @@ def _pin_fix(
     elif rivals:
         many = f"{len(rivals)} other agents" if len(rivals) > RIVALS else name_agents(rivals)
         parts.append(f"{many[0].upper()}{many[1:]} would do as well.")
-    for each in faster:
-        parts.append(f"For half of the fastest decay that pins there allow: {_gains(problem, each.gains)}.")
     if other is not None:
         new = name_agents(_labels(problem, other.proposal.added))
         total = f", in total {_short(other.total)}" if len(other.gains) > 1 else ""
         parts.append(
             f"Also possible, with a pin on {new}: {_gains(problem, other.gains)}{total}{_none(problem, other)}."
         )
-    return Fix(kind="pinning", set=_gain_changes(problem, accepted), text=" ".join(parts))
+    return Fix(kind="pinning", set=_gain_changes(problem, chosen), text=" ".join(parts))
 
 
-def _task(problem: Problem, accepted: Accepted) -> str:
+def _task(problem: Problem, accepted: Accepted, *, minimum: Accepted | None) -> str:
+    """What to do; ``minimum``: the smallest gains on the same agents, where these are the recommended ones."""
     proposal, gains, pins = accepted.proposal, accepted.gains, problem.pinning.agents
     new, plural = name_agents(_labels(problem, proposal.added)) if proposal.added else "", len(gains) > 1
     if new and set(gains) == set(proposal.added):
@@ -265,10 +258,11 @@ def _task(problem: Problem, accepted: Accepted) -> str:
         s = "s" if len(pins) > 1 else ""
         head = f"Change the gain{s} of the present pin{s}: {_gains(problem, gains)}"
     head += (f" (in total {_short(accepted.total)})" if plural else "") + _none(problem, accepted)
+    if minimum is not None:
+        return f"{head}. Recommended: half of the maximum decay rate. Minimum: {_gains(problem, minimum.gains)}."
     if proposal.smallest:
-        return f"{head}: the smallest gain{'s that do' if plural else ' that does'}, rounded up."
-    give = "these give" if plural else "this one gives"
-    return f"{head}. Smaller gains do as well; {give} about half of the fastest decay that pins there allow."
+        return f"{head}. Minimum: smaller gains do not suffice."
+    return f"{head}. Recommended: half of the maximum decay rate. Smaller gains do as well."
 
 
 def _none(problem: Problem, accepted: Accepted) -> str:

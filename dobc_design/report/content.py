@@ -89,7 +89,12 @@ def report_document(
         kind="Certificate of consensus",
         name=problem.name,
         title=f"{problem.name}: {verdict.value}",
-        verdict=doc.Box(mark=mark, word=verdict.value.capitalize(), reason=certificate.reason, facts=facts),
+        verdict=doc.Box(
+            mark=mark,
+            word=verdict.value.capitalize(),
+            reason=certificate.reason.removeprefix("Undecided: "),
+            facts=facts,
+        ),
         identity=identity,
         footer=f"{words.shortened(problem.name, LONGEST_NAME)}: {verdict.value}"
         f" · certificate {again.prints[1][1][:16]}…",

@@ -204,7 +204,7 @@ def error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
         draw=lambda ax: runs.in_time(
             runs.plot_errors(ax, times, {"|e|∞": error}, envelope=envelope, rate=certificate.rate), times
         ),
-        width=8.4,
+        width=6.4,
     )
 
 

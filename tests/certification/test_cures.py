@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from fractions import Fraction
 
 import pytest
@@ -31,10 +32,17 @@ def gains_of(fix):
     return {label: Fraction(str(k)) for label, k in fix.set["pinning.gains"].items()}
 
 
-def lowered(problem, fix, part):
-    """The cured problem with the gains of the cure a little smaller, those that stay as they are left alone."""
+def minimum_of(fix):
+    """The smallest gains on the agents of the cure, as its text names them; the others are those of the cure."""
+    told = re.search(r"Minimum: (.*?)(?: Also possible|$)", fix.text)[1]
+    named = re.findall(r"k = ([0-9.e+-]*[0-9]) for agents? ((?:\d+(?:, | and )?)+)", told)
+    return gains_of(fix) | {label: Fraction(k) for k, labels in named for label in re.findall(r"\d+", labels)}
+
+
+def with_minimum(problem, fix, part=1):
+    """The problem with those gains, or with those that are not the problem's own a little smaller."""
     own = {problem.network.labels[i]: k[0][0] for i, k in problem.pinning.gains.items()}
-    gains = {label: k if own.get(label) == k else k * part for label, k in gains_of(fix).items()}
+    gains = {label: k if own.get(label) == k else k * part for label, k in minimum_of(fix).items()}
     return changed_problem(problem, {"pinning.gains": gains})
 
 
@@ -61,10 +69,11 @@ def test_a_chain_pinned_at_the_wrong_end_gets_a_pin_at_the_other():
     fix = main_fix(certificate.checks)
     assert gains_of(fix)["1"] == 5
     assert list(gains_of(fix)) == ["1", "3"]
-    assert "No gains on the present pins can do: agent 3, without a pin" in fix.text
+    assert "No gain on agent 1 can help: the error of agent 3 would not decrease." in fix.text
     assert theorem_holds(cured(problem, fix.set))
     # Lambda = [[-12, 1, 0], [1, -2, 1], [0, 1, -2 k]] < 0 iff k > 6/23.
-    assert Fraction(6, 23) < gains_of(fix)["3"] <= Fraction(6, 23) * Fraction(102, 100)
+    assert Fraction(6, 23) < minimum_of(fix)["3"] <= Fraction(6, 23) * Fraction(102, 100)
+    assert gains_of(fix)["3"] > minimum_of(fix)["3"]  # the recommended one is what is written
     assert not theorem_holds(changed_problem(problem, {"pinning.gains": {"1": 5, "3": Fraction(6, 23)}}))
     for id in ("reachability", "lemma1", "theorem1"):
         assert certificate.check(id).fix.set == fix.set
@@ -78,7 +87,8 @@ def test_two_closed_groups_get_a_pin_each():
     assert len(added) == 2
     assert "(1, 2) and (3, 4)" in fix.text
     assert theorem_holds(cured(problem, fix.set))
-    assert not theorem_holds(lowered(problem, fix, Fraction(97, 100)))
+    assert theorem_holds(with_minimum(problem, fix))
+    assert not theorem_holds(with_minimum(problem, fix, Fraction(97, 100)))
 
 
 def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
@@ -88,10 +98,10 @@ def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
     assert certificate.check("theorem1").verdict is Verdict.REFUTED
     fix = main_fix(certificate.checks)
     assert list(gains_of(fix)) == ["2"]
-    assert Fraction(3, 4) < gains_of(fix)["2"] <= Fraction(3, 4) * Fraction(102, 100)
+    assert Fraction(3, 4) < minimum_of(fix)["2"] <= Fraction(3, 4) * Fraction(102, 100)
     assert theorem_holds(cured(problem, fix.set))
     assert not theorem_holds(changed_problem(problem, {"pinning.gains": {"2": "3/4"}}))
-    assert "the smallest gain that does" in fix.text
+    assert "Recommended: half of the maximum decay rate. Minimum: k = 0.76 for agent 2." in fix.text
 
 
 def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
@@ -100,7 +110,8 @@ def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
     assert list(gains_of(fix)) == ["1"]
     assert "Also possible, with a pin on agent 2" in fix.text
     assert theorem_holds(cured(problem, fix.set))
-    assert not theorem_holds(lowered(problem, fix, Fraction(97, 100)))
+    assert theorem_holds(with_minimum(problem, fix))
+    assert not theorem_holds(with_minimum(problem, fix, Fraction(97, 100)))
     # matrix gains that leave a direction free are cured by gains that are numbers
     problem = linked([[1, 2], [2, 1]], target=[0, 0], gains={1: [[1, 0], [0, 0]]})
     fix = main_fix(certify(problem).checks)

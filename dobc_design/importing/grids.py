@@ -118,81 +118,129 @@ def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str,
     return {label: first.setdefault(group, label) for label, group in zip(labels, groups, strict=True)}
 
 
-CURE = "Write the case with MATPOWER's savecase."
+CURE = "Let MATPOWER compute it: savecase('plain.m', loadcase('case.m')), and import plain.m."
+COMPUTED = " nothing in a case is computed"
 ISOLATED = 4  # bus type
 COLUMNS = {"bus": 2, "gen": 8, "branch": 11}  # that have to be there
+USED = {"bus": (1, 2), "gen": (1, 8), "branch": (1, 2, 4, 9, 11)}
 _TABLE = re.compile(r"(?<![\w.])mpc\.(bus|gen|branch)[ \t]*=[ \t]*\[")
-_COMMENT = re.compile(r"%[^\n]*")
+_COMMENT = re.compile(r"^[ \t]*%\{[ \t\r]*$.*?(?:^[ \t]*%\}[ \t\r]*$|\Z)|%[^\n]*", re.MULTILINE | re.DOTALL)
+_END = re.compile(r"\][ \t\r]*(?:[;,\n\v]|\Z)")
 _CONTINUED = re.compile(r"\.\.\.[^\n]*(?:\n|\Z)")  # the end, too: else every dot looks for it again
-_CELL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?|[iI]nf|[nN]a[nN])")
+_NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?|[iI]nf|[nN]a[nN])"
+_CELL = re.compile(f"[+-]?{_NUMBER}")
+_UNUSED = re.compile(rf"[+-]?{_NUMBER}(?:[*/](?:{_NUMBER}|sqrt\({_NUMBER}\)))*")
 _BUS = re.compile(r"[0-9]{1,18}(\.0*)?")
+_EQUALS = re.compile(r"(?<![=~<>!])=(?!=)")
+_GRID = re.compile(r"(?<![\w.])mpc(?:\.(?:bus|gen|branch)(?!\w)|(?![\w.]))")
+_HARMLESS = re.compile(
+    r"function|mpc\.(?:bus|gen|branch)=\[|mpc\.(?:bus|gen)\([:\w]*,\[?(?:(?:[PQ][DG]|[PQ]MAX|[PQ]MIN),?)+\]?\)="
+)
+VOLTS, WATTS = "mpc.bus(1,BASE_KV)*1e3", "mpc.baseMVA*1e6"
+FROM_OHM = "mpc.branch(:,[BR_RBR_X])=mpc.branch(:,[BR_RBR_X])/(Vbase^2/Sbase)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Row:
+    """A row of a table of numbers, and where it stands."""
+
+    cells: list[str]
+    place: str
+
+    def number(self, column: int) -> Fraction:
+        return _decimal(self.cells[column - 1], f"{self.place}, column {column}")
+
+    def bus(self, column: int = 1) -> str:
+        text = self.cells[column - 1]
+        if not _BUS.fullmatch(text):
+            raise wrong(self.place, f"must name a bus by a whole number; got {shown(text)}.", CURE)
+        return str(int(text.partition(".")[0]))
 
 
 def read_matpower(text: str, *, name: str) -> Grid:
-    """Read a case file; its ``name`` is for messages.  Raises: SpecError that names table, row and column."""
-    plain = _CONTINUED.sub(" ", _COMMENT.sub("", text))
-    tables = {table: _rows(body, table, name) for table, body in _tables(plain)}
+    """Read a case file; its ``name`` is for messages.  Raises: SpecError that names line, table, row and column."""
+    plain = _CONTINUED.sub("\v", _COMMENT.sub(lambda found: "\n" * found[0].count("\n"), text))
+    tables = dict(_tables(plain, name))
     for table in ("bus", "branch"):
         if table not in tables:
             what = f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there."
             raise SpecError(what, key=f"mpc.{table}", cure=CURE)
-    kinds = {_bus(row[0], "bus", i): _number(row[1], f"mpc.bus({i},2)") for i, row in enumerate(tables["bus"], 1)}
+    unit = _unit(plain, tables["bus"], name)
+    kinds = {row.bus(): row.number(2) for row in tables["bus"]}
     isolated = {bus for bus, kind in kinds.items() if kind == ISOLATED}
-    gens = enumerate(tables.get("gen", []), 1)
-    generators = [_bus(row[0], "gen", i) for i, row in gens if _number(row[7], f"mpc.gen({i},8)") > 0]
     branches = []
-    for i, row in enumerate(tables["branch"], 1):
-        if _number(row[10], f"mpc.branch({i},11)") == 0:
-            continue
-        tap = _number(row[8], f"mpc.branch({i},9)")
-        ends = _bus(row[0], "branch", i), _bus(row[1], "branch", i)
-        if not isolated & set(ends):
-            reactance = _number(row[3], f"mpc.branch({i},4)") * (tap or 1)
-            branches.append(Branch(ends=ends, reactance=reactance, place=f"mpc.branch row {i}"))
+    for row in tables["branch"]:
+        ends = row.bus(1), row.bus(2)
+        if row.number(11) != 0 and not isolated & set(ends):
+            reactance = row.number(4) * unit * (row.number(9) or 1)
+            branches.append(Branch(ends=ends, reactance=reactance, place=row.place))
     return Grid(
         buses=tuple(bus for bus in kinds if bus not in isolated),
         branches=tuple(branches),
-        generators=tuple(generators),
+        generators=tuple(row.bus() for row in tables.get("gen", []) if row.number(8) > 0),
         source=f"the MATPOWER case {name}",
     )
 
 
-def _tables(text: str) -> Iterator[tuple[str, str]]:
-    """Name and body of every table, from its bracket to the next closing one; each character is passed once."""
-    begin = _TABLE.search(text)
+def _tables(text: str, name: str) -> Iterator[tuple[str, list[_Row]]]:
+    """Every table, from its bracket to the next closing one; each character is passed once."""
+    begin, line, counted = _TABLE.search(text), 1, 0
     while begin is not None:
         end = text.find("]", begin.end())
         if end < 0:
             return
-        yield begin[1], text[begin.end() : end]
+        line, counted = line + _lines(text[counted : begin.end()]), begin.end()
+        rows = _rows(text[counted:end], begin[1], line, name)
+        if not _END.match(text, end):
+            raise wrong(f"{name}, line {line}: mpc.{begin[1]}", f"must end in ];{COMPUTED}.", CURE)
+        yield begin[1], rows
         begin = _TABLE.search(text, end)
 
 
-def _rows(body: str, table: str, name: str) -> list[list[str]]:
-    rows = [row.replace(",", " ").split() for line in body.split("\n") for row in line.split(";")]
-    rows = [row for row in rows if row]
-    for i, row in enumerate(rows, 1):
-        if len(row) < COLUMNS[table]:
-            what = f"{name}: mpc.{table} must have at least {COLUMNS[table]} columns; row {i} has {len(row)}."
-            raise SpecError(what, key=f"mpc.{table}", cure=CURE)
-        for j, cell in enumerate(row, 1):
-            if not _CELL.fullmatch(cell):
-                what = (
-                    f"{name}: mpc.{table}({i},{j}) must be a number, because nothing in a case is computed;"
-                    f" got {shown(cell)}."
-                )
-                raise SpecError(what, key=f"mpc.{table}({i},{j})", cure=CURE)
+def _lines(text: str) -> int:
+    return text.count("\n") + text.count("\v")
+
+
+def _rows(body: str, table: str, line: int, name: str) -> list[_Row]:
+    rows = list[_Row]()
+    for text in body.split("\n"):
+        for part in text.split(";"):
+            cells = part.replace(",", " ").split()
+            if not cells:
+                continue
+            i, place = len(rows) + 1, f"{name}, line {line}: mpc.{table}"
+            if len(cells) < COLUMNS[table]:
+                what = f"{place} must have at least {COLUMNS[table]} columns; row {i} has {len(cells)}."
+                raise SpecError(what, key=f"mpc.{table}", cure=CURE)
+            for j, cell in enumerate(cells, 1):
+                if not (_CELL if j in USED[table] else _UNUSED).fullmatch(cell):
+                    what = f"must be a number, because{COMPUTED}; got {shown(cell)}."
+                    raise wrong(f"{place}({i},{j})", what, CURE)
+            rows.append(_Row(cells=cells, place=f"{place} row {i}"))
+        line += 1 + text.count("\v")
     return rows
 
 
-def _bus(text: str, table: str, row: int) -> str:
-    if not _BUS.fullmatch(text):
-        what = f"row {row}: a bus must be a whole number; got {shown(text)}."
-        raise wrong(f"mpc.{table}", what, CURE)
-    return str(int(text.partition(".")[0]))
+def _unit(text: str, buses: list[_Row], name: str) -> Fraction:
+    """The p.u. that a reactance of 1 in the table is: 1, or baseMVA / kV^2 where the case turns ohms into p.u. by the
+    statement of the radial cases.  Raises: SpecError for any other change of what is read of the tables."""
+    unit, said, line = Fraction(1), dict[str, str](), 1
+    for row in text.split("\n"):
+        for statement in row.split(";"):
+            left, *right = _EQUALS.split(statement, 1)
+            if not right:
+                continue
+            short = "".join(statement.split())
+            if short == FROM_OHM and (said.get("Vbase"), said.get("Sbase")) == (VOLTS, WATTS):
+                unit *= _decimal(said.get("mpc.baseMVA", ""), "mpc.baseMVA") / buses[0].number(10) ** 2
+            elif _GRID.search(left) and not _HARMLESS.match(short):
+                raise wrong(f"{name}, line {line}", f"changes the tables, but{COMPUTED}.", CURE)
+            said["".join(left.split())] = "".join(right[0].split())
+        line += _lines(row) + 1
+    return unit
 
 
-def _number(text: str, key: str) -> Fraction:
+def _decimal(text: str, key: str) -> Fraction:
     """An entry as the decimal text it is; MATLAB writes .5 and 5. too."""
     trimmed = re.sub(r"(?<![0-9])\.(?=[0-9])", "0.", text)
     return parse_number(re.sub(r"(?<=[0-9])\.(?![0-9])", "", trimmed), key=key)

@@ -85,7 +85,7 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     notes = list(NOTES)
     if len(buses) < len(grid.buses):
         joined = _listed([f"{a} into {b}" for a, b in becomes.items() if a != b])
-        notes.append(f"Buses joined by branches of reactance 0 are one agent: {joined}.")
+        notes.append(f"Buses joined by couplers, or by branches of reactance 0, are one agent: {joined}.")
     if repelling:
         between = _listed([f"{a} and {b}" for a, b in repelling])
         notes.append(f"The reactance between buses {between} is negative: these push each other apart, h = -sin(y).")
@@ -121,8 +121,7 @@ def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str,
 CURE = "Let MATPOWER compute it: savecase('plain.m', loadcase('case.m')), and import plain.m."
 COMPUTED = " nothing in a case is computed"
 ISOLATED = 4  # bus type
-COLUMNS = {"bus": 2, "gen": 8, "branch": 11}  # that have to be there
-USED = {"bus": (1, 2), "gen": (1, 8), "branch": (1, 2, 4, 9, 11)}
+USED = {"bus": (1, 2), "gen": (1, 8), "branch": (1, 2, 4, 9, 11)}  # columns
 _TABLE = re.compile(r"(?<![\w.])mpc\.(bus|gen|branch)[ \t]*=[ \t]*\[")
 _COMMENT = re.compile(r"^[ \t]*%\{[ \t\r]*$.*?(?:^[ \t]*%\}[ \t\r]*$|\Z)|%[^\n]*", re.MULTILINE | re.DOTALL)
 _END = re.compile(r"\][ \t\r]*(?:[;,\n\v]|\Z)")
@@ -130,7 +129,6 @@ _CONTINUED = re.compile(r"\.\.\.[^\n]*(?:\n|\Z)")  # the end, too: else every do
 _NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?|[iI]nf|[nN]a[nN])"
 _CELL = re.compile(f"[+-]?{_NUMBER}")
 _UNUSED = re.compile(rf"[+-]?{_NUMBER}(?:[*/](?:{_NUMBER}|sqrt\({_NUMBER}\)))*")
-_BUS = re.compile(r"[0-9]{1,18}(\.0*)?")
 _EQUALS = re.compile(r"(?<![=~<>!])=(?!=)")
 _GRID = re.compile(r"(?<![\w.])mpc(?:\.(?:bus|gen|branch)(?!\w)|(?![\w.]))")
 _HARMLESS = re.compile(
@@ -151,10 +149,10 @@ class _Row:
         return _decimal(self.cells[column - 1], f"{self.place}, column {column}")
 
     def bus(self, column: int = 1) -> str:
-        text = self.cells[column - 1]
-        if not _BUS.fullmatch(text):
-            raise wrong(self.place, f"must name a bus by a whole number; got {shown(text)}.", CURE)
-        return str(int(text.partition(".")[0]))
+        number = self.number(column)
+        if number.denominator > 1 or number < 0:
+            raise wrong(self.place, f"must name a bus by a whole number; got {self.cells[column - 1]}.", CURE)
+        return str(number)
 
 
 def read_matpower(text: str, *, name: str) -> Grid:
@@ -209,8 +207,8 @@ def _rows(body: str, table: str, line: int, name: str) -> list[_Row]:
             if not cells:
                 continue
             i, place = len(rows) + 1, f"{name}, line {line}: mpc.{table}"
-            if len(cells) < COLUMNS[table]:
-                what = f"{place} must have at least {COLUMNS[table]} columns; row {i} has {len(cells)}."
+            if len(cells) < USED[table][-1]:
+                what = f"{place} must have at least {USED[table][-1]} columns; row {i} has {len(cells)}."
                 raise SpecError(what, key=f"mpc.{table}", cure=CURE)
             for j, cell in enumerate(cells, 1):
                 if not (_CELL if j in USED[table] else _UNUSED).fullmatch(cell):
@@ -248,7 +246,12 @@ def _decimal(text: str, key: str) -> Fraction:
 
 Row = Mapping[str, Any]
 Tables = Mapping[str, list[Row]]
-BRANCHES = (("line", "from_bus", "to_bus"), ("trafo", "hv_bus", "lv_bus"), ("impedance", "from_bus", "to_bus"))
+BRANCHES = (
+    ("line", "from_bus", "to_bus"),
+    ("trafo", "hv_bus", "lv_bus"),
+    ("impedance", "from_bus", "to_bus"),
+    ("switch", "bus", "element"),
+)
 TABLES = ("bus", "line", "trafo", "trafo3w", "impedance", "switch", "gen", "ext_grid")
 
 
@@ -263,7 +266,7 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
         raise wrong("net", what, "Such as pandapower.networks.case14().")
     tables = {table: _records(getattr(net, table, None)) for table in TABLES}
     title = name or str(getattr(net, "name", "") or "pandapower-grid")
-    return grid_problem(_checked(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain)
+    return grid_problem(_grid(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain)
 
 
 def read_pandapower(data: bytes, *, name: str) -> Grid:
@@ -277,7 +280,7 @@ def read_pandapower(data: bytes, *, name: str) -> Grid:
         what = "must be a network written by pandapower.to_json; its tables cannot be read."
         raise wrong(name, what, "Write it with pandapower.to_json(net, file).") from None
     rows = {table: tables.get(table, []) for table in TABLES}
-    return _checked(rows, base=base, source=f"the pandapower network {name}")
+    return _grid(rows, base=base, source=f"the pandapower network {name}")
 
 
 def is_pandapower(data: bytes) -> bool:
@@ -300,46 +303,34 @@ def _json_records(table: Any) -> list[Row]:
     ]
 
 
-def _checked(tables: Tables, *, base: Any, source: str) -> Grid:
+def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
     """The grid of the tables.  Raises: SpecError, also for a column that is missing or holds something else."""
     try:
-        return _grid(tables, base=float(base), source=source)
+        if any(_on(row) for row in tables["trafo3w"]):
+            what = "three-winding transformers cannot be imported: their star point may have a negative reactance."
+            raise SpecError(what, key="trafo3w", cure="Replace them by two-winding transformers.")
+        buses = tuple(str(row["index"]) for row in tables["bus"] if _on(row))
+        generators = tuple(str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row))
+        branches = tuple(_branches(tables, base=float(base)))
     except SpecError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         what = f"{source} has a table with a column that is missing or holds no number ({str(error)[:60]})."
         raise SpecError(what, key="pandapower", cure="Write it anew with a current version of pandapower.") from None
+    return Grid(buses=buses, branches=branches, generators=generators, source=source)
 
 
-def _grid(tables: Tables, *, base: float, source: str) -> Grid:
-    if any(_on(row) for row in tables["trafo3w"]):
-        what = "three-winding transformers cannot be imported: their star point may have a negative reactance."
-        raise SpecError(what, key="trafo3w", cure="Replace them by two-winding transformers.")
-    buses = [str(row["index"]) for row in tables["bus"] if _on(row)]
-    closed = [row for row in tables["switch"] if row.get("et") == "b" and row.get("closed")]
-    joined = [(str(row["bus"]), str(row["element"])) for row in closed]
-    becomes = merged(buses, [pair for pair in joined if set(pair) <= set(buses)])
+def _branches(tables: Tables, *, base: float) -> Iterator[Branch]:
+    """What is in service, with reactances in p.u. on ``base`` MVA; closed bus couplers have 0."""
     opened = {(row.get("et"), row["element"]) for row in tables["switch"] if not row.get("closed")}
-    found = (
-        (becomes.get(a, a), becomes.get(b, b), x, at) for a, b, x, at in _branches(tables, base=base, opened=opened)
-    )
-    generators = (str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row))
-    return Grid(
-        buses=tuple(dict.fromkeys(becomes.values())),
-        branches=tuple(Branch(ends=(a, b), reactance=x, place=place) for a, b, x, place in found if a != b),
-        generators=tuple(becomes.get(bus, bus) for bus in generators),
-        source=source,
-    )
-
-
-def _branches(tables: Tables, *, base: float, opened: set[tuple[Any, Any]]) -> Iterator[tuple[str, str, Fraction, str]]:
-    """Ends, reactance in p.u. on ``base`` MVA and place of what is in service."""
     voltage = {row["index"]: float(row["vn_kv"]) for row in tables["bus"]}
     on = {row["index"] for row in tables["bus"] if _on(row)}
     for table, first, second in BRANCHES:
         for row in tables[table]:
             ends, place = (row[first], row[second]), f"{table} {row['index']}"
             if not _on(row) or (table[0], row["index"]) in opened or not on >= set(ends):
+                continue
+            if table == "switch" and (row.get("et") != "b" or not row.get("closed")):
                 continue
             if table == "line":
                 ohm = float(row["x_ohm_per_km"]) * float(row["length_km"]) / float(row.get("parallel") or 1)
@@ -349,9 +340,10 @@ def _branches(tables: Tables, *, base: float, opened: set[tuple[Any, Any]]) -> I
                 z, r = float(row["vk_percent"]) * part, float(row["vkr_percent"]) * part
                 x = math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
             else:
-                x = float(row["xft_pu"]) * base / float(row["sn_mva"])
+                x = float(row["xft_pu"]) * base / float(row["sn_mva"]) if table == "impedance" else 0.0
             # Twelve digits: x was computed in floats, and 0.05917 should not read 0.059170000000000006.
-            yield str(ends[0]), str(ends[1]), parse_number(f"{x:.12g}", key=f"the reactance of {place}"), place
+            reactance = parse_number(f"{x:.12g}", key=f"the reactance of {place}")
+            yield Branch(ends=(str(ends[0]), str(ends[1])), reactance=reactance, place=place)
 
 
 def _tap(row: Row) -> float:

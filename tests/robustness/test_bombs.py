@@ -122,6 +122,7 @@ def test_a_region_beyond_floats_is_refused_by_its_key(key: str):
             coupling="y",
             target=big.get("target", 0),
             offsets={"2": big.get("formation.offsets", 0)},
+            exosystem=dd.Exosystem(A=[[0]], C=[[1]]),
             region={
                 "initial_states": [0, big.get("region.initial_states", 5)],
                 "initial_disturbance": big.get("region.initial_disturbance", 0),

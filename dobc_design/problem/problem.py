@@ -5,11 +5,11 @@ A Problem is frozen, exact and cannot exist invalid.  It holds no solver's answe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -31,7 +31,6 @@ from dobc_design.verdict import Verdict
 
 T = TypeVar("T")
 Arc = tuple[int, int]
-LARGEST = 10**300  # number of a region and its target: distances are floats, too
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix
 
 
@@ -229,22 +228,9 @@ class Problem(Shown):
             keep("simulation", lambda: settings.read_simulation(simulation, n=network.size, orders=orders, m=m))
         keep("notes", lambda: _read_notes(notes))
         raise_all(errors)
-        if self.region is not None:
-            self._require_sizes(self.region)
         places = {each: place for place, each in enumerate(dict.fromkeys((self.coupling, *self.exceptions.values())))}
         object.__setattr__(self, "couplings", tuple(places))
         object.__setattr__(self, "exception_places", {arc: places[each] for arc, each in self.exceptions.items()})
-
-    def _require_sizes(self, region: Region) -> None:
-        sizes: dict[str, Iterable[Any]] = {
-            "target": self.target,
-            "formation.offsets": chain(*self.offsets.values()),
-            "region.initial_states": chain(*region.initial_states),
-            "region.initial_disturbance": [region.initial_disturbance or 0],
-        }
-        for key, numbers in sizes.items():
-            if any(abs(x) > LARGEST for x in numbers):
-                raise wrong(key, "must be at most 1e300 in size where a [region] is asked for.", "Choose other units.")
 
     def __hash__(self) -> int:
         return hash((self.name, self.network, self.coupling, self.target, self.pinning))

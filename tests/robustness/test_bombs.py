@@ -113,24 +113,6 @@ def test_a_number_beyond_floats_is_refused_by_its_key(key: str):
         require_floats(problem)
 
 
-@pytest.mark.parametrize("key", ["target", "formation.offsets", "region.initial_states", "region.initial_disturbance"])
-def test_a_region_beyond_floats_is_refused_by_its_key(key: str):
-    big = {key: "1e301"}
-    with pytest.raises(SpecError, match=key) as caught:
-        dd.Problem(
-            network=dd.Network.from_arcs([[1, 2]], arrow="listens_to"),
-            coupling="y",
-            target=big.get("target", 0),
-            offsets={"2": big.get("formation.offsets", 0)},
-            exosystem=dd.Exosystem(A=[[0]], C=[[1]]),
-            region={
-                "initial_states": [0, big.get("region.initial_states", 5)],
-                "initial_disturbance": big.get("region.initial_disturbance", 0),
-            },
-        )
-    assert caught.value.key == key
-
-
 @pytest.mark.parametrize("option", ["rate", "max_gain"])
 def test_a_request_beyond_floats_is_refused_by_its_key(option: str):
     with pytest.raises(SpecError, match=f"{option} must be at most 1e100"):

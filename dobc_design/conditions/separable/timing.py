@@ -67,10 +67,8 @@ def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
     """The largest sampling period, about, that is certified by ``claim`` (proved before).  The period is at most
     1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a face. None where the certificate does
     not apply, or the slopes are not bounded."""
-    stiffest = _stiffest(
-        problem, claim, enough=lambda x: x > 0 and rounded_down(1 / x) == rounded_down((1 + _UNSURE) / x)
-    )
-    period = _ZERO if isinstance(stiffest, str) or stiffest <= 0 else rounded_down(1 / stiffest)
+    found = _stiffest(problem, claim, enough=lambda x: x > 0 and rounded_down(1 / x) == rounded_down((1 + _UNSURE) / x))
+    period = _ZERO if isinstance(found, str) or found <= 0 else rounded_down(1 / found)
     return SamplingBound(period=period, factor=1 - period * claim.alpha) if period > 0 else None
 
 
@@ -101,15 +99,11 @@ def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction]
     try:
         profiles, rho = coupling_profiles(problem, claim.v, rho=claim.rho), claim.rho or _ZERO
         grid = _GRID * rho if sum(map(len, problem.network.modes.values())) > _MANY_ARCS else None
-        rows = [row for row, _ in claims.rows(problem, claim.v, gains=gains)]
+        rows = [(row, face) for row, _ in claims.rows(problem, claim.v, gains=gains) for face in FACES]
 
         def largest(around: Callable[[Interval], Interval]) -> Fraction:
             mean = _Steepest(profiles=profiles, rho=rho, grid=grid, around=around)
-            return max(
-                sum((term.weight * mean(term, row.own, face) for term in row.terms), row.gain)
-                for row in rows
-                for face in FACES
-            )
+            return max(row.gain + sum(x.weight * mean(x, row.own, face) for x in row.terms) for row, face in rows)
 
         with suppress(UndefinedError):
             if enough(found := largest(Floats.around)):

@@ -62,6 +62,9 @@ class Floats(Interval):
         setattr(self, name, end)
         return end
 
+    def __reduce__(self) -> tuple[type[Floats], tuple[float, float]]:
+        return Floats, (self.bottom, self.top)
+
     @property
     def is_narrow(self) -> bool:
         width = self.top - self.bottom

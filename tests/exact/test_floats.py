@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import operator
+import pickle
 from fractions import Fraction
 from itertools import product
 
@@ -139,3 +141,10 @@ def test_without_rounding_outwards_the_rationals_are_not_contained(monkeypatch: 
     float_values.cache_clear()
     truth = [FUNCTIONS["exp"].interval(exact(Floats(k / 7, k / 7))) for k in range(1, 40)]
     assert not all(contains(f, t) for f, t in zip(found, truth, strict=True))
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_an_interval_of_floats_can_be_copied_and_pickled(copied):
+    x = Floats(0.1, 0.3)
+    assert copied(x) == x
+    assert copied(x).lo == x.lo == Fraction(0.1)

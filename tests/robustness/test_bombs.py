@@ -21,6 +21,7 @@ import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.importing.grids import merged, read_matpower
 from dobc_design.problem.arrays import require_floats
+from dobc_design.report.write import render_report
 from dobc_design.sweeps.plan import Task, make_plan
 from dobc_design.sweeps.result import SweepResult, _cell, _is_line
 
@@ -251,3 +252,11 @@ def test_a_certificate_that_fails_confirms_no_verdict():
 def test_a_cell_of_csv_is_no_formula_and_numbers_stay_numbers():
     assert [_cell(x) for x in ("=1+1", "@a", "-y", "+a", "\t=1")] == ["'=1+1", "'@a", "'-y", "'+a", "'\t=1"]
     assert [_cell(x) for x in ("-1.5", -1.5, "y", True, None, "+3")] == ["-1.5", -1.5, "y", "true", None, "+3"]
+
+
+@pytest.mark.parametrize(("weight", "region"), [("1e400", None), (1, {"initial_states": [-1, "1e400"]})])
+def test_numbers_beyond_floats_have_a_verdict_and_a_report(weight, region):
+    network = dd.Network.from_arcs({"G": [[1, 2, weight], [2, 1]]}, arrow="listens_to")
+    certificate = dd.certify(dd.Problem(network=network, coupling="y + tanh(y)", gains={"1": 1}, region=region))
+    assert {"report.html", "report.md"} <= render_report(certificate).keys()
+    assert certificate.verdict is dd.Verdict.UNDECIDED

@@ -50,6 +50,7 @@ CASES = {
     "sqrt": (box("sqrt(1+y) - 1", "0.6", gains={1: 2}), UNDECIDED),
     "sqrt, inside": (box("sqrt(1+y) - 1", "0.4", gains={1: 2}), PROVED),
     "log": (box("log(1+y)", "0.4", gains={1: 2}), PROVED),
+    "wiggle": (box("2*y + sin(3*y)", 2, gains={1: "2.4"}), PROVED),
     "list": (box(LIST, 3, gains={1: 1}, target=[0, 0]), PROVED),
     "chain": (chain("2.8", "0.5", "2.9", "0.4"), PROVED),
     "chain of two": (linked([[2, 1, 2]], gains={1: "0.1"}), PROVED),

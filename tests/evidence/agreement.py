@@ -76,6 +76,7 @@ def kinds(problem: Problem) -> Iterator[str]:
         tuple(tuple(K[0][0] * (i == j) for j in range(problem.m)) for i in range(problem.m)) == K
         for K in problem.pinning.gains.values()
     )
+    edged = problem.region is not None and any(problem.network.modes.values())
     found = (
         problem.m > 1,
         any(not h.by_component for h in problem.couplings),
@@ -85,8 +86,8 @@ def kinds(problem: Problem) -> Iterator[str]:
         any(h.nonsmooth for h in problem.couplings),
         len(problem.network.modes) > 1,
         problem.region is None,
-        problem.region is not None and _defined(problem, 1) and not _defined(problem, 2),
-        problem.region is not None and not _defined(problem, 1),
+        edged and _defined(problem, 1) and not _defined(problem, 2),
+        edged and not _defined(problem, 1),
     )
     yield from (kind for kind, true in zip(KINDS, found, strict=True) if true)
 

@@ -22,7 +22,7 @@ from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read
 
 EQUATIONS = 60  # of an equilibrium at most
 PIECES = 20_000  # into which one row is cut at most
-CELLS = 12  # halvings of an interval on which the sign of a slope is sought
+CELLS = 12  # halvings of an interval on which the sign of a slope is sought; 2^(CELLS + 2) pieces of a coupling
 
 
 # --- One scalar coupling on intervals: where it rises and falls, and upper bounds of it -------------------------------

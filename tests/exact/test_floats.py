@@ -115,6 +115,11 @@ def test_what_is_no_interval_of_finite_numbers_is_refused(a: float, b: float) ->
         Floats(a, b)
 
 
+def test_intervals_of_floats_are_equal_where_both_ends_are() -> None:
+    assert Floats(1.0, 2.0) == Floats(1.0, 2.0)
+    assert all(Floats(1.0, 2.0) != other for other in (Floats(1.0, 3.0), Floats(0.0, 2.0), (1.0, 2.0)))
+
+
 def test_too_large_numbers_are_refused_and_too_small_ones_are_bounded() -> None:
     large, small = Floats(1e200, 1e200), Floats(1e-200, 1e-200)
     with pytest.raises(UndefinedError, match="exceeds"):

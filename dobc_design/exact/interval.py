@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Self, cast
@@ -107,9 +107,13 @@ def float_values(name: str, x: float) -> tuple[float, float]:
         return known, known
     from flint import arb, ctx
 
-    with _LOCK, ctx.workprec(64):
-        ball = getattr(arb(x), name)()
-        low, high = float(ball.lower()), float(ball.upper())
+    with _LOCK:
+        before, ctx.prec = ctx.prec, 64  # workprec takes as long as the function
+        try:
+            ball = getattr(arb(x), name)()
+            low, high = float(ball.lower()), float(ball.upper())
+        finally:
+            ctx.prec = before
     low, high = math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
     return max(low, _LEAST.get(name, low)), min(high, _GREATEST.get(name, high))
 
@@ -163,6 +167,8 @@ class Interval(Shown):
 
     lo: Fraction
     hi: Fraction
+    # The least interval of floats around it, once that was asked for.
+    in_floats: Any = field(default=None, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if type(self.lo) is not Fraction or type(self.hi) is not Fraction:

@@ -24,13 +24,14 @@ from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, exp
+from dobc_design.exact.number import float_above
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 _SLICES = 8
 _SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
-# Arcs from which on slopes are bounded on intervals that end at multiples of this part of rho, so that many share one.
+# Arcs from which on slopes are bounded once on every interval between two multiples of this part of rho.
 _MANY_ARCS, _GRID = 100, Fraction(1, 64)
 _ZERO = Fraction(0)
 
@@ -124,6 +125,7 @@ class _Steepest:
         self.rho = rho or _ZERO  # linear couplings have one slope
         self.grid = None if grid is None or rho is None else grid * rho
         self.known: dict[tuple[int, Interval], Fraction] = {}
+        self.parts: list[dict[int, float]] = [{} for _ in profiles]  # of the grid, from its multiples on
 
     def __call__(self, term: Term, own: Fraction, face: int) -> Fraction:
         ends = (term.step + 2 * Fraction(k + 1, _SLICES) * own for k in range(_SLICES))
@@ -135,9 +137,18 @@ class _Steepest:
         place = Interval(self.rho * start, self.rho * end) * face
         if self.grid is not None:  # the next multiples outwards, where the coupling is known to be defined so far out
             low, high = math.floor(place.lo / self.grid), math.ceil(place.hi / self.grid)
-            wider = Interval(low * self.grid, high * self.grid)
-            place = wider if wider.magnitude <= kind.radius else place
+            if max(-low, high) * self.grid <= kind.radius:
+                parts, cells = self.parts[term.coupling], range(low, max(high, low + 1))
+                for k in cells:
+                    if k not in parts:
+                        cell = Interval(k * self.grid, (k + 1) * self.grid)
+                        parts[k] = float_above(self._on(cell, term.coupling))
+                return Fraction(max(map(parts.__getitem__, cells)))
         key = (term.coupling, place)
         if key not in self.known:
-            self.known[key] = max(slope_bound(kind.curve, Floats.around(place), tolerance=_CLOSE), _ZERO)
+            self.known[key] = self._on(place, term.coupling)
         return self.known[key]
+
+    def _on(self, place: Interval, coupling: int) -> Fraction:
+        curve = self.profiles[coupling].curve
+        return max(slope_bound(curve, Floats.around(place), tolerance=_CLOSE), _ZERO)

@@ -25,7 +25,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
-from large import falling_rows, lambda_rows, large_rows
+from large import falling_rows, lambda_rows, large_rows, whole_bars
 from old_interval import OldInterval
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
@@ -71,7 +71,7 @@ class Bar:
         sign, good = ("<=", self.ratio <= self.bar) if self.ceiling else (">=", self.ratio >= self.bar)
         outcome = "ok" if good else "ABOVE" if self.ceiling else "BELOW"
         digits = 2 if self.ratio < 10 else 0
-        return f"{self.what:<72} {sign} {self.bar:>5.0f}x  {self.ratio:>8.{digits}f}x  {outcome:<5}  {self.note}"
+        return f"{self.what:<72} {sign} {self.bar:>5g}x  {self.ratio:>8.{digits}f}x  {outcome:<5}  {self.note}"
 
 
 def main() -> None:
@@ -110,8 +110,10 @@ def bars() -> Iterator[Bar]:
     for name in ("karate-club", "microgrid-ieee14"):
         yield interval_bar(name)
     yield help_bar("dobc --help vs python -c 'import numpy'")
-    for row in (*pinning_bars(), *simulation_bars()):
+    for row in chain(pinning_bars(), simulation_bars()):
         yield Bar(**row)
+    for row in whole_bars():
+        yield Bar(**row, ceiling=True)
 
 
 def against_dense(what: str, given: Problem, objective: str, *, bar: float) -> Bar:

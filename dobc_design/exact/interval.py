@@ -107,13 +107,9 @@ def float_values(name: str, x: float) -> tuple[float, float]:
         return known, known
     from flint import arb, ctx
 
-    with _LOCK:
-        before, ctx.prec = ctx.prec, 64  # workprec takes as long as the function
-        try:
-            ball = getattr(arb(x), name)()
-            low, high = float(ball.lower()), float(ball.upper())
-        finally:
-            ctx.prec = before
+    with _LOCK, ctx.workprec(64):
+        ball = getattr(arb(x), name)()
+        low, high = float(ball.lower()), float(ball.upper())
     low, high = math.nextafter(low, -math.inf), math.nextafter(high, math.inf)
     return max(low, _LEAST.get(name, low)), min(high, _GREATEST.get(name, high))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+import pickle
 from fractions import Fraction
 from itertools import product
 
@@ -139,3 +140,21 @@ def test_without_rounding_outwards_the_rationals_are_not_contained(monkeypatch: 
     float_values.cache_clear()
     truth = [FUNCTIONS["exp"].interval(exact(Floats(k / 7, k / 7))) for k in range(1, 40)]
     assert not all(contains(f, t) for f, t in zip(found, truth, strict=True))
+
+
+def test_numbers_remembered_in_floats_change_neither_what_is_shown_nor_what_is_written():
+    third = Interval.point(Fraction(1, 3))
+    before = repr(third)
+    found = Floats.around(third)
+    assert Floats.around(third) is found
+    assert found.contains(third)
+    assert (repr(third), third) == (before, Interval.point(Fraction(1, 3)))
+    assert pickle.loads(pickle.dumps([third, found])) == [third, found]
+
+
+@pytest.mark.parametrize("whole", [3, -(2**53), 2**53 + 1, -(10**40)])
+def test_an_integer_lies_in_its_floats(whole: int):
+    """Beyond 2^53 not every integer is a float."""
+    found = Floats.around(whole)
+    assert found.lo <= whole <= found.hi
+    assert found.is_point == (float(whole) == whole)

@@ -15,6 +15,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import cache
+from itertools import repeat
 
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.separable import claim as claims
@@ -124,8 +126,7 @@ class _Steepest:
         self.profiles = profiles
         self.rho = rho or _ZERO  # linear couplings have one slope
         self.grid = None if grid is None or rho is None else grid * rho
-        self.known: dict[tuple[int, Interval], Fraction] = {}
-        self.parts: list[dict[int, float]] = [{} for _ in profiles]  # of the grid, from its multiples on
+        self.on, self.part = cache(self._on), cache(self._part)
 
     def __call__(self, term: Term, own: Fraction, face: int) -> Fraction:
         ends = (term.step + 2 * Fraction(k + 1, _SLICES) * own for k in range(_SLICES))
@@ -138,17 +139,13 @@ class _Steepest:
         if self.grid is not None:  # the next multiples outwards, where the coupling is known to be defined so far out
             low, high = math.floor(place.lo / self.grid), math.ceil(place.hi / self.grid)
             if max(-low, high) * self.grid <= kind.radius:
-                parts, cells = self.parts[term.coupling], range(low, max(high, low + 1))
-                for k in cells:
-                    if k not in parts:
-                        cell = Interval(k * self.grid, (k + 1) * self.grid)
-                        parts[k] = float_above(self._on(cell, term.coupling))
-                return Fraction(max(map(parts.__getitem__, cells)))
-        key = (term.coupling, place)
-        if key not in self.known:
-            self.known[key] = self._on(place, term.coupling)
-        return self.known[key]
+                parts = range(low, max(high, low + 1))
+                return Fraction(max(map(self.part, repeat(term.coupling), parts)))
+        return self.on(term.coupling, place)
 
-    def _on(self, place: Interval, coupling: int) -> Fraction:
+    def _on(self, coupling: int, place: Interval) -> Fraction:
         curve = self.profiles[coupling].curve
         return max(slope_bound(curve, Floats.around(place), tolerance=_CLOSE), _ZERO)
+
+    def _part(self, coupling: int, k: int) -> float:
+        return float_above(self._on(coupling, Interval(Fraction(k), Fraction(k + 1)) * (self.grid or _ZERO)))

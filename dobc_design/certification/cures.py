@@ -224,7 +224,9 @@ def _pin_fix(
             f" {'carries' if len(who) == 1 else 'carry'} a direction that they do not touch and along which V = e'e"
             f" does not decrease{f' in mode {mode}' if several_modes else ''}{shown}."
         )
-    least = _without_smaller(groups)
+    sets = [set(group) for group in groups]  # within one mode no smallest group contains another
+    pairs = zip(groups, sets, strict=True)
+    least = [group for group, own in pairs if not (several_modes and any(each < own for each in sets))]
     if len(least) > 1:
         named = " and ".join(
             f"({', '.join(_labels(problem, group[:SHOWN]))}{', ...' if len(group) > SHOWN else ''})"
@@ -248,15 +250,6 @@ def _pin_fix(
             f"Also possible, with a pin on {new}: {_gains(problem, other.gains)}{total}{_none(problem, other)}."
         )
     return Fix(kind="pinning", set=_gain_changes(problem, accepted), text=" ".join(parts))
-
-
-def _without_smaller(groups: Sequence[tuple[int, ...]]) -> list[tuple[int, ...]]:
-    """The groups that contain no other one; whoever comes first in a smaller one is in both."""
-    sets, starts = [set(group) for group in groups], dict[int, list[set[int]]]()
-    for own, group in zip(sets, groups, strict=True):
-        starts.setdefault(group[0], []).append(own)
-    pairs = zip(sets, groups, strict=True)
-    return [group for own, group in pairs if not any(each < own for a in group for each in starts.get(a, ()))]
 
 
 def _task(problem: Problem, accepted: Accepted) -> str:

@@ -12,7 +12,6 @@ from linked import linked
 from regions import without_region
 
 from dobc_design.certification.certify import certify
-from dobc_design.certification.cures import _without_smaller
 from dobc_design.conditions.check import main_fix
 from dobc_design.conditions.consensus import cures
 from dobc_design.problem.changes import changed_problem
@@ -218,10 +217,3 @@ def test_what_is_known_from_outside_is_decided():
     assert min(share(tally, "lemma1"), share(tally, "theorem")) >= 0.95
     tally = undirected_campaign(range(40))
     assert (tally.wrong, share(tally, "undirected")) == ([], 1.0)
-
-
-def test_a_group_that_contains_another_one_is_not_named():
-    """The reference is the comparison of all pairs; (1, 3) starts like (1, 2) and lies in (0, 1, 3)."""
-    groups = [(1, 2), (1, 3), (0, 1, 3), (4,), (4, 5), (2, 6)]
-    pairs = [group for group in groups if not any(set(each) < set(group) for each in groups)]
-    assert _without_smaller(groups) == pairs == [(1, 2), (1, 3), (4,), (2, 6)]

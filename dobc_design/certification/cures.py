@@ -224,7 +224,9 @@ def _pin_fix(
             f" {'carries' if len(who) == 1 else 'carry'} a direction that they do not touch and along which V = e'e"
             f" does not decrease{f' in mode {mode}' if several_modes else ''}{shown}."
         )
-    least = [group for group in groups if not any(set(each) < set(group) for each in groups)]
+    sets = [set(group) for group in groups]  # within one mode no smallest group contains another
+    pairs = zip(groups, sets, strict=True)
+    least = [group for group, own in pairs if not (several_modes and any(each < own for each in sets))]
     if len(least) > 1:
         named = " and ".join(
             f"({', '.join(_labels(problem, group[:SHOWN]))}{', ...' if len(group) > SHOWN else ''})"

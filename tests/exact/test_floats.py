@@ -153,3 +153,21 @@ def test_an_interval_of_floats_can_be_copied_and_pickled(copied):
     x = Floats(0.1, 0.3)
     assert copied(x) == x
     assert copied(x).lo == x.lo == Fraction(0.1)
+
+
+def test_numbers_remembered_in_floats_change_neither_what_is_shown_nor_what_is_written():
+    third = Interval.point(Fraction(1, 3))
+    before = repr(third)
+    found = Floats.around(third)
+    assert Floats.around(third) is found
+    assert found.contains(third)
+    assert (repr(third), third) == (before, Interval.point(Fraction(1, 3)))
+    assert pickle.loads(pickle.dumps([third, found])) == [third, found]
+
+
+@pytest.mark.parametrize("whole", [3, -(2**53), 2**53 + 1, -(10**40)])
+def test_an_integer_lies_in_its_floats(whole: int):
+    """Beyond 2^53 not every integer is a float."""
+    found = Floats.around(whole)
+    assert found.lo <= whole <= found.hi
+    assert found.is_point == (float(whole) == whole)

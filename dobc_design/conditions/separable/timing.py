@@ -15,8 +15,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cache
+from itertools import repeat
 
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.separable import claim as claims
@@ -26,6 +27,7 @@ from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, exp
+from dobc_design.exact.number import float_above
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -34,7 +36,7 @@ _SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
 # How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and beside a claimed one.
 _UNSURE, _NEAR = Fraction(1, 10**12), Fraction(1, 10**9)
-# Arcs from which on slopes are bounded on intervals that end at multiples of this part of rho, so that many share one.
+# Arcs from which on slopes are bounded once on every interval between two multiples of this part of rho.
 _MANY_ARCS, _GRID = 100, Fraction(1, 64)
 _ZERO = Fraction(0)
 
@@ -102,7 +104,7 @@ def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction]
         rows = [(row, face) for row, _ in claims.rows(problem, claim.v, gains=gains) for face in FACES]
 
         def largest(around: Callable[[Interval], Interval]) -> Fraction:
-            mean = _Steepest(profiles=profiles, rho=rho, grid=grid, around=around)
+            mean = _Steepest(profiles, rho, grid=grid, around=around)
             return max(row.gain + sum(x.weight * mean(x, row.own, face) for x in row.terms) for row, face in rows)
 
         with suppress(UndefinedError):
@@ -123,17 +125,24 @@ def sampled_factor(claim: Separable, bound: SamplingBound) -> Fraction:
     return max(bound.factor, x + (1 - x) * share)
 
 
-@dataclass(slots=True, kw_only=True)
 class _Steepest:
     """The largest mean slope, at least 0, of a coupling on the ways that a held step can take; each interval once.  A
     part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in s [step, step + 2 x v_i] where h is
     nondecreasing, because e_j = s v_j is then the worst.  The mean over x is bounded slice by slice."""
 
-    profiles: Sequence[Profile]
-    rho: Fraction  # 0 for linear couplings, which have one slope
-    grid: Fraction | None
-    around: Callable[[Interval], Interval]  # Floats.around, or nothing done to the interval
-    known: dict[tuple[int, Interval], Fraction] = field(default_factory=dict)
+    def __init__(
+        self,
+        profiles: Sequence[Profile],
+        rho: Fraction,
+        *,
+        grid: Fraction | None,
+        around: Callable[[Interval], Interval],
+    ) -> None:
+        self.profiles = profiles
+        self.rho = rho  # 0 for linear couplings, which have one slope
+        self.grid = grid
+        self.around = around  # Floats.around, or nothing done to the interval
+        self.on, self.part = cache(self._on), cache(self._part)
 
     def __call__(self, term: Term, own: Fraction, face: int) -> Fraction:
         ends = (term.step + 2 * Fraction(k + 1, _SLICES) * own for k in range(_SLICES))
@@ -145,9 +154,14 @@ class _Steepest:
         place = Interval(self.rho * start, self.rho * end) * face
         if self.grid:  # the next multiples outwards, where the coupling is known to be defined so far out
             low, high = math.floor(place.lo / self.grid), math.ceil(place.hi / self.grid)
-            wider = Interval(low * self.grid, high * self.grid)
-            place = wider if wider.magnitude <= kind.radius else place
-        key = (term.coupling, place)
-        if key not in self.known:
-            self.known[key] = max(slope_bound(kind.curve, self.around(place), tolerance=_CLOSE), _ZERO)
-        return self.known[key]
+            if max(-low, high) * self.grid <= kind.radius:
+                parts = range(low, max(high, low + 1))
+                return Fraction(max(map(self.part, repeat(term.coupling), parts)))
+        return self.on(term.coupling, place)
+
+    def _on(self, coupling: int, place: Interval) -> Fraction:
+        curve = self.profiles[coupling].curve
+        return max(slope_bound(curve, self.around(place), tolerance=_CLOSE), _ZERO)
+
+    def _part(self, coupling: int, k: int) -> float:
+        return float_above(self._on(coupling, Interval(Fraction(k), Fraction(k + 1)) * (self.grid or _ZERO)))

@@ -71,7 +71,7 @@ _HOMES = {
     "load_problem": "problem.load",
     "load_trajectory": "simulation.trajectory",
     "plot_regions": "report.write",
-    "problem_from_file": "export.interchange",
+    "problem_from_file": "importing.files",
     "search_certificate": "certification.search",
     "simulate": "simulation.runs",
     "sweep": "sweeps.running",

@@ -14,7 +14,6 @@ from dobc_design.conditions.schedule.decide import Settling as Settling
 from dobc_design.coupling.coupling import Coupling as Coupling
 from dobc_design.export.interchange import analyse as analyse
 from dobc_design.export.interchange import build_model as build_model
-from dobc_design.export.interchange import problem_from_file as problem_from_file
 from dobc_design.export.interchange import to_c as to_c
 from dobc_design.export.interchange import to_casadi as to_casadi
 from dobc_design.export.interchange import to_control as to_control
@@ -27,6 +26,7 @@ from dobc_design.export.interchange import to_sympy as to_sympy
 from dobc_design.falsification.search import falsify as falsify
 from dobc_design.falsification.suspect import Falsification as Falsification
 from dobc_design.falsification.suspect import Suspect as Suspect
+from dobc_design.importing.files import problem_from_file as problem_from_file
 from dobc_design.importing.grids import from_pandapower as from_pandapower
 from dobc_design.model.model import Model as Model
 from dobc_design.problem import exosystems as exosystems

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 from random import Random
 from typing import Any, NamedTuple
 
 import pytest
+from heard import let_children_hear
 
 # Two processes of tests fill two cores; threads of linear algebra inside each would only wait for one another.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -24,11 +24,7 @@ settings.register_profile("fast", max_examples=50, deadline=None)
 settings.register_profile("ci", parent=settings.get_profile("fast"), derandomize=True, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "fast")
 
-# A shell starts background jobs with Ctrl-C ignored, nohup does so with SIGHUP, and children inherit that.  What a
-# handler catches they do not inherit: programs under test hear signals again, and the tests still ignore them.
-for _number in (signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGINT)):
-    if signal.getsignal(_number) == signal.SIG_IGN:
-        signal.signal(_number, lambda number, frame: None)
+let_children_hear()
 
 # The regions of these built-in problems take seconds to certify and to check.
 _LONG = (

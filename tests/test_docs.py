@@ -10,13 +10,16 @@ from pathlib import Path
 import pytest
 
 from dobc_design.certificate import text
+from dobc_design.certification.certify import certify
 from dobc_design.checker import quadratic, reading
 from dobc_design.cli.main import main
 from dobc_design.conditions import numbers
+from dobc_design.conditions.boxes import stage
 from dobc_design.coupling import expression, parser, tree
 from dobc_design.exact import number
 from dobc_design.problem import arcs_file, load
 from dobc_design.problem.schema import json_schema
+from dobc_design.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parents[1]
 WRITTEN_BY_PROGRAM = {"docs/reference/command-line.md", "docs/reference/conditions.md"}
@@ -201,6 +204,15 @@ def test_the_comparison_has_the_columns_that_the_benchmark_prints():
     assert head in (ROOT / "docs/comparison.md").read_text("utf-8").splitlines()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["paper-fixed", "paper-switching"])
+def test_a_rate_that_the_readme_promises_is_proved_and_not_far_below(name: str):
+    said = float(re.search(rf"`{name}`[^`]*?([0-9.]+) 1/s", (ROOT / "README.md").read_text("utf-8"))[1])
+    certificate = certify(load.load_problem(name))
+    assert certificate.verdict is Verdict.PROVED
+    assert said <= certificate.rate < 1.01 * said
+
+
 PROBLEM_FILE, FORMAT = "docs/reference/problem-file.md", "docs/certificate-format.md"
 LIMITS = [
     (PROBLEM_FILE, "at most {} MB. Numbers", load.MAX_BYTES // 2**20),
@@ -218,6 +230,7 @@ LIMITS = [
     (FORMAT, "trees of up to {} characters", quadratic.LETTERS),
     (FORMAT, "at most {} times further", quadratic.FURTHER),
     (FORMAT, "into at most {} pieces more", quadratic.PIECES),
+    ("docs/comparison.md", "with at most {} of them", stage.MOST_BOXES),
 ]
 
 

@@ -82,7 +82,7 @@ def own_fields(value: object) -> Iterator[tuple[str, Any]]:
     """Names and values of the fields of a dataclass that say something: not None and not empty."""
     for each in fields(value):  # type: ignore[arg-type]  # any dataclass
         found = getattr(value, each.name)
-        if found is not None and not (isinstance(found, (str, tuple, Mapping)) and not found):
+        if each.repr and found is not None and not (isinstance(found, (str, tuple, Mapping)) and not found):
             yield each.name, found
 
 

@@ -18,7 +18,7 @@ from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
-from dobc_design.conditions.numbers import claimed, rounded_down, rounded_up
+from dobc_design.conditions.numbers import LARGEST, claimed, rounded_down, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
@@ -239,7 +239,7 @@ def _asked(problem: Problem) -> Asked | None:
         box=_up(max(reach)),
         ball=_up(length, digits=9),
         disturbance=_up(problem.region.initial_disturbance or Fraction(0)),
-        interval=None if problem.m > 1 else (float(low), float(high)),
+        interval=None if problem.m > 1 else (_nearest(low), _nearest(high)),
     )
 
 
@@ -356,14 +356,18 @@ def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
     pinned = set(problem.pinning.agents)
     # Rounding may not take back what the domain claims.
     bounds = [max(float(domain["radius"]), _down(room * weight)) for weight in claim.v]
-    goals = [None if problem.m > 1 else float(problem.goal_of(agent)[0]) for agent in range(problem.n)]
+    goals = [None if problem.m > 1 else _nearest(problem.goal_of(agent)[0]) for agent in range(problem.n)]
     rows = enumerate(zip(problem.network.labels, bounds, goals, strict=True))
     return tuple(AgentBound(label=a, bound=bound, pinned=k in pinned, goal=goal) for k, (a, bound, goal) in rows)
 
 
 def _down(value: Fraction) -> float:
-    return float(rounded_down(value, digits=_DIGITS))
+    return float(rounded_down(min(value, LARGEST), digits=_DIGITS))
 
 
 def _up(value: Fraction, digits: int = _DIGITS) -> float:
-    return float(rounded_up(value, digits=digits))
+    return float(rounded_up(min(value, LARGEST), digits=digits))  # no region is as large
+
+
+def _nearest(value: Fraction) -> float:
+    return float(max(-LARGEST, min(value, LARGEST)))

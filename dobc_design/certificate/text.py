@@ -17,7 +17,7 @@ from typing import Any
 
 from dobc_design._show.text import visible
 from dobc_design.certificate.claims import Claims
-from dobc_design.conditions.check import Check, check_from_json, number_or_none, require_keys
+from dobc_design.conditions.check import Check, check_from_json, number_or_none, require_keys, withdrawn
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.numbers import LONGEST, VECTOR_BITS, has_short_denominator, read_rational
 from dobc_design.errors import CertificateError, SpecError, reason_of
@@ -147,8 +147,9 @@ NO_NUMBERS = ("float64", "mode", "group", "tree")  # an array of doubles and a c
 LONGEST_COEFFICIENT = 4000  # digits of a numerator or denominator in a polynomial: Python prints no more than 4300
 
 
-def writable(check: Check) -> Check:
-    """The check, if a certificate can hold it; else without what may be left out; else UNDECIDED with the reason.
+def writable(check: Check, domain: str) -> Check:
+    """The check, if a certificate can hold it; else without what may be left out; else UNDECIDED with the reason, about
+    ``domain``, that of Lemma 1.
 
     Nothing untrue comes of it: a check may always claim less.
     """
@@ -157,16 +158,11 @@ def writable(check: Check) -> Check:
     for each in (check, shorter):
         if _fits(each):
             return each
-    return Check(
-        id=check.id,
-        mode=check.mode,
-        group=check.group,
-        verdict=Verdict.UNDECIDED,
-        domain=check.domain,
-        fix=check.fix,
-        reason=f"it is {check.verdict.value} here, but a number in the proof has more digits than a certificate holds"
-        f" ({LONGEST} characters). Give the numbers of the problem with fewer digits, or with one common denominator.",
+    reason = (
+        f"it is {check.verdict.value} here, but a number in the proof has more digits than a certificate holds"
+        f" ({LONGEST} characters). Give the numbers of the problem with fewer digits, or with one common denominator."
     )
+    return withdrawn(check, domain, reason)
 
 
 def _fits(check: Check) -> bool:

@@ -103,7 +103,7 @@ def certify(
         if tolerance is not None or (everything and problem.region is not None):
             checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
         checks += tuple(other_equilibria(problem, W, checks, report=report))
-        checks = tuple(map(writable, checks))
+        checks = tuple(writable(check, domain) for check in checks)
         overall = decide_overall(problem, checks, W)
         claims = Claims(
             problem_name=problem.name,

@@ -218,7 +218,9 @@ def _pin_fix(
         who, pins = name_agents(carriers(problem, vector)), name_agents(_labels(problem, problem.pinning.agents))
         where = f" in mode {mode}" if several_modes else ""
         parts.append(f"No gain on {pins} can help: the error of {who} would not decrease{where}.")
-    least = [group for group in groups if not any(set(each) < set(group) for each in groups)]
+    sets = [set(group) for group in groups]  # within one mode no smallest group contains another
+    pairs = zip(groups, sets, strict=True)
+    least = [group for group, own in pairs if not (several_modes and any(each < own for each in sets))]
     if len(least) > 1:
         named = " and ".join(
             f"({', '.join(_labels(problem, group[:SHOWN]))}{', ...' if len(group) > SHOWN else ''})"

@@ -13,7 +13,7 @@ from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.numbers import shorten
-from dobc_design.conditions.observer.decide import observable_part_is_hurwitz
+from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.problem.arrays import unreached_in_union
@@ -51,7 +51,9 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
     region = problem.region
     for group in problem.groups if region is None or (region.initial_disturbance or 0) > 0 else ():
         own = group.observer.W if problem.is_grouped or group.observer.W == W else None
-        if own is not None and not observable_part_is_hurwitz(group.exosystem, own):
+        if own is None or too_large(group.exosystem) is not None:
+            continue
+        if not observable_part_is_hurwitz(group.exosystem, own):
             whose = f" of the group of agent {group.name}" if problem.is_grouped else ""
             told = f"Consensus fails: with this W{whose} the estimation error does not decay, and it reaches the"
             return told + " agents. Choose another W, or leave W out to have one designed."

@@ -45,6 +45,12 @@ def observable(group: Any) -> tuple[Matrix, list[int]]:
     return echelon(rows)
 
 
+def takes_long(group: Any) -> bool:
+    """The limit on the order and the bits of (A, C), to the seventh and second power, of the whole format."""
+    sizes, bottom = integers([abs(x) for row in (*group.A, *group.C) for x in row])
+    return bool(len(group.A) ** 7 * (bottom.bit_length() + (-(-max(sizes) // bottom)).bit_length()) ** 2 > 5 * 10**13)
+
+
 def closed(system: Any, W: Matrix | None, b: Fraction = ZERO) -> Matrix:
     """A - W C + b I, of a group or of the whole problem."""
     need(W is not None, "there is no observer gain")

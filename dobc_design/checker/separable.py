@@ -22,7 +22,7 @@ from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read
 
 EQUATIONS = 60  # of an equilibrium at most
 PIECES = 20_000  # into which one row is cut at most
-CELLS = 12  # halvings of an interval on which the sign of a slope is sought
+CELLS = 12  # halvings of an interval on which the sign of a slope is sought; 2^(CELLS + 2) pieces of a coupling
 
 
 # --- One scalar coupling on intervals: where it rises and falls, and upper bounds of it -------------------------------
@@ -42,7 +42,7 @@ class Curve:
         self.formula, self.mirrored, self.points = coupling.parts[0], mirrored, dict[float, float]()
         self.table: list[Cell] = []
         sides = [(a, b) for a, b in ((lo, 0.0), (0.0, hi)) if a < b]  # couplings like to have their kink at 0
-        for cell in (cell for a, b in sides for cell in self.cells(a, b, CELLS)):
+        for cell in sorted(self.cells(sides, (hi - lo) / 2**40)):
             joined = bool(self.table) and cell.way != 0 and self.table[-1].way == cell.way
             self.table.append(Cell(self.table.pop().lo, cell.hi, cell.way, math.inf) if joined else cell)
 
@@ -74,15 +74,15 @@ class Curve:
             reached = max(reached, self.at((middle, middle))[1][1])
         return -pieces[0][0]
 
-    def cells(self, lo: float, hi: float, halvings: int) -> Iterator[Cell]:
-        """Cells from lo to hi, halved until the sign of the slope is known."""
-        value, slope = self.at((lo, hi))
-        way = 1 if slope[0] >= 0 else -1 if slope[1] <= 0 else 0
-        middle = (lo + hi) / 2
-        if way or not halvings or not lo < middle < hi:
-            yield Cell(lo, hi, way, value[1])
-        else:
-            yield from (*self.cells(lo, middle, halvings - 1), *self.cells(middle, hi, halvings - 1))
+    def cells(self, pieces: list[Floats], finest: float) -> Iterator[Cell]:
+        """Cells of these pieces, halved until the sign of the slope is known; the widest first, if that is hopeless."""
+        for a, b in pieces:  # it grows
+            value, slope = self.at((a, b))
+            way = 1 if slope[0] >= 0 else -1 if slope[1] <= 0 else 0
+            if way or b - a <= finest or len(pieces) > 2 ** (CELLS + 2):
+                yield Cell(a, b, way, value[1])
+            else:
+                pieces += [(a, (a + b) / 2), ((a + b) / 2, b)]
 
     def between(self, lo: float, hi: float) -> list[Cell]:
         """The cells of the table between two numbers."""

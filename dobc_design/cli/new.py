@@ -92,7 +92,7 @@ def _converted(name: str, source: Path, arrow: str | None) -> tuple[str, str]:
     """The text of the problem that a file of another program means, and the verdict that it gets today."""
     from dobc_design._show.text import visible
     from dobc_design.certification.certify import certify
-    from dobc_design.export.interchange import problem_from_file
+    from dobc_design.importing.files import problem_from_file
     from dobc_design.problem.changes import changed_text, problem_text
 
     problem = problem_from_file(source, arrow=arrow)

@@ -27,6 +27,7 @@ from dobc_design.coupling.tree import (
     program,
     run,
 )
+from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, height
 from dobc_design.exact.work import spend
 
@@ -46,6 +47,7 @@ _CALL: Final = 8  # steps that a function takes, in units of a sum
 # The narrowest cell, as a part of the radius, and the most cells looked at.
 _NARROWEST_CELL: Final = Fraction(1, 2**24)
 _MOST_CELLS: Final = 20_000
+_NEARLY: Final = Fraction(1, 10**6)  # as a part of its size, how close to one sign a slope is looked at exactly
 
 _VALUES: Final = IntervalAlgebra()
 _JETS: Final = GradientAlgebra(1, second=True)
@@ -323,11 +325,7 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
         spend(curve.programs.cost)
         last = place.width <= narrow or count > _MOST_CELLS
         try:
-            slope = jet(curve, place, restricted=True).slope
-            spend(curve.programs.cost * _length(slope))  # of powers of powers
-            if not slope.sign and not place.is_point:  # where h' only touches 0, the mean value form tells
-                slope = slope.meet(slope_form(curve, place))
-            direction = slope.sign
+            direction = _direction(curve, place)
         except UndefinedError:
             if last:
                 raise
@@ -337,6 +335,24 @@ def _split(curve: Curve, whole: Interval) -> list[tuple[Interval, int]]:
         else:
             waiting += [*reversed(place.halves())]
     return found
+
+
+def _direction(curve: Curve, place: Interval) -> int:
+    """The sign of h' on a place, 0 where it is not known; exactly where floats nearly tell."""
+    try:
+        slope = _tight_slope(curve, Floats.around(place))
+        if slope.sign or min(-slope.bottom, slope.top) > _NEARLY * slope.magnitude:
+            return slope.sign
+    except UndefinedError:
+        pass
+    return _tight_slope(curve, place).sign
+
+
+def _tight_slope(curve: Curve, place: Interval) -> Interval:
+    """Enclose h' on a place, kinks at its ends left out; where h' only touches 0, the mean value form tells."""
+    slope = jet(curve, place, restricted=True).slope
+    spend(curve.programs.cost * _length(slope))  # of powers of powers
+    return slope if slope.sign or place.is_point else slope.meet(slope_form(curve, place))
 
 
 def _merged(curve: Curve, pieces: list[tuple[Interval, int]]) -> tuple[Cell, ...]:

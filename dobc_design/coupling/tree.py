@@ -209,11 +209,11 @@ def run(steps: Sequence[Step[T]], variables: Sequence[T]) -> T:
     for operation, number in steps:
         if operation is None:
             stack.append(variables[number])
-            continue
-        first = len(stack) - number
-        operands = stack[first:]
-        del stack[first:]
-        stack.append(operation(*operands))
+        elif number == 1:
+            stack[-1] = operation(stack[-1])
+        else:
+            first = len(stack) - number
+            stack[first:] = [operation(*stack[first:])]
     return stack.pop()
 
 
@@ -380,7 +380,7 @@ class GradientAlgebra:
     ) -> Jet:
         # A constant has slope 0 even where the function has none, as in sqrt(0)*y.
         flat = not self.second or (inner.curvature is not None and inner.curvature.is_zero)
-        if flat and all(u.is_zero for u in inner.partials):
+        if flat and inner.slope is not ONE and all(u.is_zero for u in inner.partials):
             return self._still(value)
         first = outer()
         partials = tuple(_times(u, first) for u in inner.partials)

@@ -18,19 +18,9 @@ from dobc_design.exact.number import float_above, float_below
 #: Ends beyond are refused.
 LARGEST: Final = 1e300
 _NARROW: Final = 2.0**-50
+_WHOLE: Final = 2**53  # integers up to that are floats
 # The largest argument whose multiples of pi floats count, and how far off they may be.
 _MAX_ANGLE, _MARGIN = 2.0**20, 2.0**-30
-
-
-def _below(x: float, y: float) -> float:
-    """A number <= x y; a product with 0 is exact, one that is too small to be written is not."""
-    product = x * y
-    return nextafter(product, -inf) if x and y else product
-
-
-def _above(x: float, y: float) -> float:
-    product = x * y
-    return nextafter(product, inf) if x and y else product
 
 
 class Floats(Interval):
@@ -48,11 +38,18 @@ class Floats(Interval):
 
     @classmethod
     def around(cls, value: Interval | Fraction | int) -> Floats:
-        """Return the least interval of floats that contains a number, or an interval."""
+        """Return the least interval of floats that contains a number, or an interval, which remembers it."""
         if type(value) is Floats:
             return value
-        low, high = (value.lo, value.hi) if isinstance(value, Interval) else (value, value)
-        return Floats(float_below(low), float_above(high))
+        if not isinstance(value, Interval):
+            if type(value) is int and -_WHOLE <= value <= _WHOLE:
+                return Floats(value + 0.0, value + 0.0)
+            return Floats(float_below(value), float_above(value))
+        found: Floats | None = value.in_floats
+        if found is None:
+            found = Floats(*value.floats())
+            object.__setattr__(value, "in_floats", found)
+        return found
 
     def __getattr__(self, name: str) -> Fraction:
         """An end as a rational, made when it is first asked for."""
@@ -61,6 +58,9 @@ class Floats(Interval):
         end = Fraction(*(self.bottom if name == "lo" else self.top).as_integer_ratio())
         setattr(self, name, end)
         return end
+
+    def __reduce__(self) -> tuple[type[Floats], tuple[float, float]]:
+        return Floats, (self.bottom, self.top)
 
     @property
     def is_narrow(self) -> bool:
@@ -77,7 +77,7 @@ class Floats(Interval):
         return Floats.around(other)
 
     def __add__(self, other: Interval | Fraction | int) -> Floats:
-        y = Floats.around(other)
+        y = other if type(other) is Floats else Floats.around(other)
         lo, hi = self.bottom + y.bottom, self.top + y.top
         return Floats(
             nextafter(lo, -inf) if self.bottom and y.bottom else lo,  # with 0 there is no rounding
@@ -85,20 +85,24 @@ class Floats(Interval):
         )
 
     def __mul__(self, other: Interval | Fraction | int) -> Floats:
-        y = Floats.around(other)
+        y = other if type(other) is Floats else Floats.around(other)
         a, b, c, d = self.bottom, self.top, y.bottom, y.top
         if a >= 0:
-            return Floats(_below(a if c >= 0 else b, c), _above(b if d >= 0 else a, d))
-        if b <= 0:
-            return Floats(_below(a if d >= 0 else b, d), _above(b if c >= 0 else a, c))
-        if c >= 0:
-            return Floats(_below(a, d), _above(b, d))
-        if d <= 0:
-            return Floats(_below(b, c), _above(a, c))
-        return Floats(min(_below(a, d), _below(b, c)), max(_above(a, c), _above(b, d)))
+            p, q, r, s = a if c >= 0 else b, c, b if d >= 0 else a, d
+        elif b <= 0:
+            p, q, r, s = a if d >= 0 else b, d, b if c >= 0 else a, c
+        elif c >= 0:
+            p, q, r, s = a, d, b, d
+        elif d <= 0:
+            p, q, r, s = b, c, a, c
+        else:
+            (p, q), (r, s) = (a, d) if a * d <= b * c else (b, c), (a, c) if a * c >= b * d else (b, d)
+        lo, hi = p * q, r * s
+        # With 0 there is no rounding; a product that is too small to be written has one.
+        return Floats(nextafter(lo, -inf) if p and q else lo, nextafter(hi, inf) if r and s else hi)
 
     def __truediv__(self, other: Interval | Fraction | int) -> Floats:
-        y = Floats.around(other)
+        y = other if type(other) is Floats else Floats.around(other)
         if y.bottom <= 0 <= y.top:
             raise UndefinedError(f"division by {y}, which contains 0, is not defined.")
         x, near, far = (self, y.bottom, y.top) if y.bottom > 0 else (-self, -y.top, -y.bottom)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Self, cast
@@ -163,6 +163,8 @@ class Interval(Shown):
 
     lo: Fraction
     hi: Fraction
+    # The least interval of floats around it, once that was asked for.
+    in_floats: Any = field(default=None, init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if type(self.lo) is not Fraction or type(self.hi) is not Fraction:

@@ -36,18 +36,6 @@ MOST_ARCS = 20_000  # of all modes in a Python file: a few MB
 Source = Problem | str | PathLike[str]
 
 
-def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) -> Problem:
-    """Make a problem from a file of another program, by its suffix.
-
-    .m MATPOWER case; .json pandapower network (or problem.json); .mat MATLAB; .csv, .graphml, .edges arcs, for which
-    ``arrow`` ("listens_to" or "sends_to") has to say what a pair means; .toml a problem file.
-    Returns: a Problem whose notes say what was assumed.  Raises: SpecError.
-    """
-    from dobc_design.importing.files import problem_from_file as run
-
-    return run(Path(path), arrow=arrow)
-
-
 def to_c(
     problem: Source,
     *,

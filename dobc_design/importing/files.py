@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import PathLike
 from pathlib import Path
 
 from dobc_design.errors import SpecError
@@ -21,8 +22,14 @@ ARCS_ONLY = (
 )
 
 
-def problem_from_file(path: Path, *, arrow: str | None = None) -> Problem:
-    """Make the problem; ``arrow`` says what a pair of a file of arcs means.  Raises: SpecError."""
+def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) -> Problem:
+    """Make a problem from a file of another program, by its suffix.
+
+    .m MATPOWER case; .json pandapower network (or problem.json); .mat MATLAB; .csv, .graphml, .edges arcs, for which
+    ``arrow`` ("listens_to" or "sends_to") has to say what a pair means; .toml a problem file.
+    Returns: a Problem whose notes say what was assumed.  Raises: SpecError.
+    """
+    path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         what = f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is."

@@ -85,7 +85,7 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     notes = list(NOTES)
     if len(buses) < len(grid.buses):
         joined = _listed([f"{a} into {b}" for a, b in becomes.items() if a != b])
-        notes.append(f"Buses joined by branches of reactance 0 are one agent: {joined}.")
+        notes.append(f"Buses joined by couplers, or by branches of reactance 0, are one agent: {joined}.")
     if repelling:
         between = _listed([f"{a} and {b}" for a, b in repelling])
         notes.append(f"The reactance between buses {between} is negative: these push each other apart, h = -sin(y).")
@@ -118,81 +118,127 @@ def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str,
     return {label: first.setdefault(group, label) for label, group in zip(labels, groups, strict=True)}
 
 
-CURE = "Write the case with MATPOWER's savecase."
+CURE = "Let MATPOWER compute it: savecase('plain.m', loadcase('case.m')), and import plain.m."
+COMPUTED = " nothing in a case is computed"
 ISOLATED = 4  # bus type
-COLUMNS = {"bus": 2, "gen": 8, "branch": 11}  # that have to be there
+USED = {"bus": (1, 2), "gen": (1, 8), "branch": (1, 2, 4, 9, 11)}  # columns
 _TABLE = re.compile(r"(?<![\w.])mpc\.(bus|gen|branch)[ \t]*=[ \t]*\[")
-_COMMENT = re.compile(r"%[^\n]*")
+_COMMENT = re.compile(r"^[ \t]*%\{[ \t\r]*$.*?(?:^[ \t]*%\}[ \t\r]*$|\Z)|%[^\n]*", re.MULTILINE | re.DOTALL)
+_END = re.compile(r"\][ \t\r]*(?:[;,\n\v]|\Z)")
 _CONTINUED = re.compile(r"\.\.\.[^\n]*(?:\n|\Z)")  # the end, too: else every dot looks for it again
-_CELL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?|[iI]nf|[nN]a[nN])")
-_BUS = re.compile(r"[0-9]{1,18}(\.0*)?")
+_NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|\.[0-9]+(?:[eE][+-]?[0-9]+)?|[iI]nf|[nN]a[nN])"
+_CELL = re.compile(f"[+-]?{_NUMBER}")
+_UNUSED = re.compile(rf"[+-]?{_NUMBER}(?:[*/](?:{_NUMBER}|sqrt\({_NUMBER}\)))*")
+_EQUALS = re.compile(r"(?<![=~<>!])=(?!=)")
+_GRID = re.compile(r"(?<![\w.])mpc(?:\.(?:bus|gen|branch)(?!\w)|(?![\w.]))")
+_HARMLESS = re.compile(
+    r"function|mpc\.(?:bus|gen|branch)=\[|mpc\.(?:bus|gen)\([:\w]*,\[?(?:(?:[PQ][DG]|[PQ]MAX|[PQ]MIN),?)+\]?\)="
+)
+VOLTS, WATTS = "mpc.bus(1,BASE_KV)*1e3", "mpc.baseMVA*1e6"
+FROM_OHM = "mpc.branch(:,[BR_RBR_X])=mpc.branch(:,[BR_RBR_X])/(Vbase^2/Sbase)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Row:
+    """A row of a table of numbers, and where it stands."""
+
+    cells: list[str]
+    place: str
+
+    def number(self, column: int) -> Fraction:
+        return _decimal(self.cells[column - 1], f"{self.place}, column {column}")
+
+    def bus(self, column: int = 1) -> str:
+        number = self.number(column)
+        if number.denominator > 1 or number < 0:
+            raise wrong(self.place, f"must name a bus by a whole number; got {self.cells[column - 1]}.", CURE)
+        return str(number)
 
 
 def read_matpower(text: str, *, name: str) -> Grid:
-    """Read a case file; its ``name`` is for messages.  Raises: SpecError that names table, row and column."""
-    plain = _CONTINUED.sub(" ", _COMMENT.sub("", text))
-    tables = {table: _rows(body, table, name) for table, body in _tables(plain)}
+    """Read a case file; its ``name`` is for messages.  Raises: SpecError that names line, table, row and column."""
+    plain = _CONTINUED.sub("\v", _COMMENT.sub(lambda found: "\n" * found[0].count("\n"), text))
+    tables = dict(_tables(plain, name))
     for table in ("bus", "branch"):
         if table not in tables:
             what = f"{name} must hold the table mpc.{table} of a MATPOWER case, in numbers; it is not there."
             raise SpecError(what, key=f"mpc.{table}", cure=CURE)
-    kinds = {_bus(row[0], "bus", i): _number(row[1], f"mpc.bus({i},2)") for i, row in enumerate(tables["bus"], 1)}
+    unit = _unit(plain, tables["bus"], name)
+    kinds = {row.bus(): row.number(2) for row in tables["bus"]}
     isolated = {bus for bus, kind in kinds.items() if kind == ISOLATED}
-    gens = enumerate(tables.get("gen", []), 1)
-    generators = [_bus(row[0], "gen", i) for i, row in gens if _number(row[7], f"mpc.gen({i},8)") > 0]
     branches = []
-    for i, row in enumerate(tables["branch"], 1):
-        if _number(row[10], f"mpc.branch({i},11)") == 0:
-            continue
-        tap = _number(row[8], f"mpc.branch({i},9)")
-        ends = _bus(row[0], "branch", i), _bus(row[1], "branch", i)
-        if not isolated & set(ends):
-            reactance = _number(row[3], f"mpc.branch({i},4)") * (tap or 1)
-            branches.append(Branch(ends=ends, reactance=reactance, place=f"mpc.branch row {i}"))
+    for row in tables["branch"]:
+        ends = row.bus(1), row.bus(2)
+        if row.number(11) != 0 and not isolated & set(ends):
+            reactance = row.number(4) * unit * (row.number(9) or 1)
+            branches.append(Branch(ends=ends, reactance=reactance, place=row.place))
     return Grid(
         buses=tuple(bus for bus in kinds if bus not in isolated),
         branches=tuple(branches),
-        generators=tuple(generators),
+        generators=tuple(row.bus() for row in tables.get("gen", []) if row.number(8) > 0),
         source=f"the MATPOWER case {name}",
     )
 
 
-def _tables(text: str) -> Iterator[tuple[str, str]]:
-    """Name and body of every table, from its bracket to the next closing one; each character is passed once."""
-    begin = _TABLE.search(text)
+def _tables(text: str, name: str) -> Iterator[tuple[str, list[_Row]]]:
+    """Every table, from its bracket to the next closing one; each character is passed once."""
+    begin, line, counted = _TABLE.search(text), 1, 0
     while begin is not None:
         end = text.find("]", begin.end())
         if end < 0:
             return
-        yield begin[1], text[begin.end() : end]
+        line, counted = line + _lines(text[counted : begin.end()]), begin.end()
+        rows = _rows(text[counted:end], begin[1], line, name)
+        if not _END.match(text, end):
+            raise wrong(f"{name}, line {line}: mpc.{begin[1]}", f"must end in ];{COMPUTED}.", CURE)
+        yield begin[1], rows
         begin = _TABLE.search(text, end)
 
 
-def _rows(body: str, table: str, name: str) -> list[list[str]]:
-    rows = [row.replace(",", " ").split() for line in body.split("\n") for row in line.split(";")]
-    rows = [row for row in rows if row]
-    for i, row in enumerate(rows, 1):
-        if len(row) < COLUMNS[table]:
-            what = f"{name}: mpc.{table} must have at least {COLUMNS[table]} columns; row {i} has {len(row)}."
-            raise SpecError(what, key=f"mpc.{table}", cure=CURE)
-        for j, cell in enumerate(row, 1):
-            if not _CELL.fullmatch(cell):
-                what = (
-                    f"{name}: mpc.{table}({i},{j}) must be a number, because nothing in a case is computed;"
-                    f" got {shown(cell)}."
-                )
-                raise SpecError(what, key=f"mpc.{table}({i},{j})", cure=CURE)
+def _lines(text: str) -> int:
+    return text.count("\n") + text.count("\v")
+
+
+def _rows(body: str, table: str, line: int, name: str) -> list[_Row]:
+    rows = list[_Row]()
+    for text in body.split("\n"):
+        for part in text.split(";"):
+            cells = part.replace(",", " ").split()
+            if not cells:
+                continue
+            i, place = len(rows) + 1, f"{name}, line {line}: mpc.{table}"
+            if len(cells) < USED[table][-1]:
+                what = f"{place} must have at least {USED[table][-1]} columns; row {i} has {len(cells)}."
+                raise SpecError(what, key=f"mpc.{table}", cure=CURE)
+            for j, cell in enumerate(cells, 1):
+                if not (_CELL if j in USED[table] else _UNUSED).fullmatch(cell):
+                    what = f"must be a number, because{COMPUTED}; got {shown(cell)}."
+                    raise wrong(f"{place}({i},{j})", what, CURE)
+            rows.append(_Row(cells=cells, place=f"{place} row {i}"))
+        line += 1 + text.count("\v")
     return rows
 
 
-def _bus(text: str, table: str, row: int) -> str:
-    if not _BUS.fullmatch(text):
-        what = f"row {row}: a bus must be a whole number; got {shown(text)}."
-        raise wrong(f"mpc.{table}", what, CURE)
-    return str(int(text.partition(".")[0]))
+def _unit(text: str, buses: list[_Row], name: str) -> Fraction:
+    """The p.u. that a reactance of 1 in the table is: 1, or baseMVA / kV^2 where the case turns ohms into p.u. by the
+    statement of the radial cases.  Raises: SpecError for any other change of what is read of the tables."""
+    unit, said, line = Fraction(1), dict[str, str](), 1
+    for row in text.split("\n"):
+        for statement in row.split(";"):
+            left, *right = _EQUALS.split(statement, 1)
+            if not right:
+                continue
+            short = "".join(statement.split())
+            if short == FROM_OHM and (said.get("Vbase"), said.get("Sbase")) == (VOLTS, WATTS):
+                unit *= _decimal(said.get("mpc.baseMVA", ""), "mpc.baseMVA") / buses[0].number(10) ** 2
+            elif _GRID.search(left) and not _HARMLESS.match(short):
+                raise wrong(f"{name}, line {line}", f"changes the tables, but{COMPUTED}.", CURE)
+            said["".join(left.split())] = "".join(right[0].split())
+        line += _lines(row) + 1
+    return unit
 
 
-def _number(text: str, key: str) -> Fraction:
+def _decimal(text: str, key: str) -> Fraction:
     """An entry as the decimal text it is; MATLAB writes .5 and 5. too."""
     trimmed = re.sub(r"(?<![0-9])\.(?=[0-9])", "0.", text)
     return parse_number(re.sub(r"(?<=[0-9])\.(?![0-9])", "", trimmed), key=key)
@@ -200,7 +246,12 @@ def _number(text: str, key: str) -> Fraction:
 
 Row = Mapping[str, Any]
 Tables = Mapping[str, list[Row]]
-BRANCHES = (("line", "from_bus", "to_bus"), ("trafo", "hv_bus", "lv_bus"), ("impedance", "from_bus", "to_bus"))
+BRANCHES = (
+    ("line", "from_bus", "to_bus"),
+    ("trafo", "hv_bus", "lv_bus"),
+    ("impedance", "from_bus", "to_bus"),
+    ("switch", "bus", "element"),
+)
 TABLES = ("bus", "line", "trafo", "trafo3w", "impedance", "switch", "gen", "ext_grid")
 
 
@@ -215,7 +266,7 @@ def from_pandapower(net: Any, *, name: str | None = None, gain: Any = 1) -> Prob
         raise wrong("net", what, "Such as pandapower.networks.case14().")
     tables = {table: _records(getattr(net, table, None)) for table in TABLES}
     title = name or str(getattr(net, "name", "") or "pandapower-grid")
-    return grid_problem(_checked(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain)
+    return grid_problem(_grid(tables, base=net.sn_mva, source="a pandapower network"), name=title, gain=gain)
 
 
 def read_pandapower(data: bytes, *, name: str) -> Grid:
@@ -229,7 +280,7 @@ def read_pandapower(data: bytes, *, name: str) -> Grid:
         what = "must be a network written by pandapower.to_json; its tables cannot be read."
         raise wrong(name, what, "Write it with pandapower.to_json(net, file).") from None
     rows = {table: tables.get(table, []) for table in TABLES}
-    return _checked(rows, base=base, source=f"the pandapower network {name}")
+    return _grid(rows, base=base, source=f"the pandapower network {name}")
 
 
 def is_pandapower(data: bytes) -> bool:
@@ -252,46 +303,34 @@ def _json_records(table: Any) -> list[Row]:
     ]
 
 
-def _checked(tables: Tables, *, base: Any, source: str) -> Grid:
+def _grid(tables: Tables, *, base: Any, source: str) -> Grid:
     """The grid of the tables.  Raises: SpecError, also for a column that is missing or holds something else."""
     try:
-        return _grid(tables, base=float(base), source=source)
+        if any(_on(row) for row in tables["trafo3w"]):
+            what = "three-winding transformers cannot be imported: their star point may have a negative reactance."
+            raise SpecError(what, key="trafo3w", cure="Replace them by two-winding transformers.")
+        buses = tuple(str(row["index"]) for row in tables["bus"] if _on(row))
+        generators = tuple(str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row))
+        branches = tuple(_branches(tables, base=float(base)))
     except SpecError:
         raise
     except (KeyError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         what = f"{source} has a table with a column that is missing or holds no number ({str(error)[:60]})."
         raise SpecError(what, key="pandapower", cure="Write it anew with a current version of pandapower.") from None
+    return Grid(buses=buses, branches=branches, generators=generators, source=source)
 
 
-def _grid(tables: Tables, *, base: float, source: str) -> Grid:
-    if any(_on(row) for row in tables["trafo3w"]):
-        what = "three-winding transformers cannot be imported: their star point may have a negative reactance."
-        raise SpecError(what, key="trafo3w", cure="Replace them by two-winding transformers.")
-    buses = [str(row["index"]) for row in tables["bus"] if _on(row)]
-    closed = [row for row in tables["switch"] if row.get("et") == "b" and row.get("closed")]
-    joined = [(str(row["bus"]), str(row["element"])) for row in closed]
-    becomes = merged(buses, [pair for pair in joined if set(pair) <= set(buses)])
+def _branches(tables: Tables, *, base: float) -> Iterator[Branch]:
+    """What is in service, with reactances in p.u. on ``base`` MVA; closed bus couplers have 0."""
     opened = {(row.get("et"), row["element"]) for row in tables["switch"] if not row.get("closed")}
-    found = (
-        (becomes.get(a, a), becomes.get(b, b), x, at) for a, b, x, at in _branches(tables, base=base, opened=opened)
-    )
-    generators = (str(row["bus"]) for table in ("ext_grid", "gen") for row in tables[table] if _on(row))
-    return Grid(
-        buses=tuple(dict.fromkeys(becomes.values())),
-        branches=tuple(Branch(ends=(a, b), reactance=x, place=place) for a, b, x, place in found if a != b),
-        generators=tuple(becomes.get(bus, bus) for bus in generators),
-        source=source,
-    )
-
-
-def _branches(tables: Tables, *, base: float, opened: set[tuple[Any, Any]]) -> Iterator[tuple[str, str, Fraction, str]]:
-    """Ends, reactance in p.u. on ``base`` MVA and place of what is in service."""
     voltage = {row["index"]: float(row["vn_kv"]) for row in tables["bus"]}
     on = {row["index"] for row in tables["bus"] if _on(row)}
     for table, first, second in BRANCHES:
         for row in tables[table]:
             ends, place = (row[first], row[second]), f"{table} {row['index']}"
             if not _on(row) or (table[0], row["index"]) in opened or not on >= set(ends):
+                continue
+            if table == "switch" and (row.get("et") != "b" or not row.get("closed")):
                 continue
             if table == "line":
                 ohm = float(row["x_ohm_per_km"]) * float(row["length_km"]) / float(row.get("parallel") or 1)
@@ -301,9 +340,10 @@ def _branches(tables: Tables, *, base: float, opened: set[tuple[Any, Any]]) -> I
                 z, r = float(row["vk_percent"]) * part, float(row["vkr_percent"]) * part
                 x = math.sqrt(max(0.0, z * z - r * r)) * _tap(row)
             else:
-                x = float(row["xft_pu"]) * base / float(row["sn_mva"])
+                x = float(row["xft_pu"]) * base / float(row["sn_mva"]) if table == "impedance" else 0.0
             # Twelve digits: x was computed in floats, and 0.05917 should not read 0.059170000000000006.
-            yield str(ends[0]), str(ends[1]), parse_number(f"{x:.12g}", key=f"the reactance of {place}"), place
+            reactance = parse_number(f"{x:.12g}", key=f"the reactance of {place}")
+            yield Branch(ends=(str(ends[0]), str(ends[1])), reactance=reactance, place=place)
 
 
 def _tap(row: Row) -> float:

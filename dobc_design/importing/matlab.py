@@ -15,6 +15,7 @@ import struct
 import zlib
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from dobc_design.problem.problem import Problem
 
 LARGEST = 512 * 1024 * 1024  # bytes of all variables once unpacked
 MOST_NUMBERS = 50_000_000  # of one array
+MOST_PARTS = 1_000_000  # of one text or cell array, and numbers of an array in a cell
 DEEPEST = 4  # cells in cells
 HEADER = 128
 CELL, CHARACTERS, SPARSE, FIRST_NUMBER, LAST_NUMBER = 1, 4, 5, 6, 15  # classes of arrays
@@ -109,15 +111,16 @@ def _unpacked(data: bytes) -> bytes:
 
 def _array(data: bytes, order: str, depth: int) -> tuple[str, Value]:
     """Name and value of an array; the value is None for a class that is not read."""
-    parts = list(_elements(data, order, inside=True))
+    parts = list(islice(_elements(data, order, inside=True), 3 + MOST_PARTS))
     if len(parts) < 3 or len(parts[0].data) < 8:
         raise _Broken("a variable without a head")
     flags = struct.unpack_from(f"{order}I", parts[0].data)[0]
     shape = [int(size) for size in _numbers(parts[1], order)]
     name = parts[2].data.decode("ascii", errors="replace")
-    if len(shape) < 2 or any(size < 0 for size in shape) or math.prod(shape) > MOST_NUMBERS:
-        raise _Broken(f"a variable of the shape {shape[:4]}")
     kind, is_complex = flags & 0xFF, bool(flags & 0x0800)
+    most = MOST_PARTS if depth or kind in (CELL, CHARACTERS) else MOST_NUMBERS
+    if len(shape) < 2 or any(size < 0 for size in shape) or math.prod(shape) > most:
+        raise _Broken(f"a variable of the shape {shape[:4]}")
     body = parts[3:]
     if kind == CELL:
         if depth >= DEEPEST or len(body) != math.prod(shape):

@@ -80,10 +80,10 @@ def render_report(
         from dobc_design.simulation.setting import make_setting
 
         say("computing diagnostics")
-        analysis = run_analysis(problem, gain=gain)
-        if not problem.groups or gain is not None:
-            say("simulating")
-            with suppress(SpecError):  # beyond the floats, or too long for the integrator: no reason for no report
+        with suppress(SpecError):  # beyond the floats, or too long for the integrator: no reason for no report
+            analysis = run_analysis(problem, gain=gain)
+            if not problem.groups or gain is not None:
+                say("simulating")
                 run = run_once(make_setting(problem, gain=gain))
                 trajectory = replace(run, loop_sha256=fingerprint(problem, gain))
     settling, timings = certificate.settling, tuple[StageTiming, ...]()

@@ -18,6 +18,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 from simulation import cpu
 
+from dobc_design.certification.certify import certify
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
@@ -75,6 +76,56 @@ LAMBDA_HEADER = (
     f"{'network':<12} {'n':>8} {'arcs':>8} {'Lambda < 0':>11} {'rate':>6} {'-1 %':>6} {'+1 %':>6} {'ready':>7}"
     f" {'re-check':>9} {'certify':>9} {'verify':>8} {'peak':>9}  verdict"
 )
+
+
+def whole_bars() -> Iterator[dict[str, Any]]:
+    """`certify` as a whole, CPU time: a small grid beside a large one, per arc; a refused network beside half of it."""
+    small, many = ((grid(n, edges), 2 * edges) for n, edges in ((118, 179), (4941, 6594)))
+    times = [cpu(lambda given=given: certify(given), repeats=1)[0] / arcs for given, arcs in (small, many)]
+    note = f"{1e3 * times[0]:.3g} ms / {1e3 * times[1]:.3g} ms per arc; delays and sampling are asked of the first only"
+    yield {
+        "what": "certify of a grid, 358 arcs vs 13,188, per arc",
+        "bar": 1,
+        "ratio": times[0] / times[1],
+        "note": note,
+    }
+    half, whole = (cpu(lambda n=n: certify(clustered(n)), repeats=1)[0] for n in (SIZE // 2, SIZE))
+    note = f"{whole:.3g} s / {half:.3g} s"
+    yield {
+        "what": "refused, 500 unreached clusters, 1e5 agents vs 5e4",
+        "bar": 2.4,
+        "ratio": whole / half,
+        "note": note,
+    }
+
+
+def grid(n: int, edges: int) -> Problem:
+    """A power grid's size: a ring with chords, h = sin(y), one agent in ten pinned, a region."""
+    r, pairs = Random(n), {(i, (i + 1) % n) for i in range(n)}
+    while len(pairs) < edges:
+        i, step = r.randrange(n), r.randrange(2, 9)
+        pairs.add((i, (i + step) % n))
+    arcs = sorted({(i + 1, j + 1) for i, j in pairs} | {(j + 1, i + 1) for i, j in pairs})
+    return Problem(
+        network=Network.from_arcs(arcs, arrow="listens_to", agents=n),
+        coupling="sin(y)",
+        target=0,
+        gains=dict.fromkeys(range(1, n + 1, 10), GAIN),
+        region=Region(initial_states=[Fraction(-1, 2), Fraction(1, 2)], initial_disturbance=None),
+    )
+
+
+def clustered(n: int, *, clusters: int = 500) -> Problem:
+    """Equal rings with chords that do not hear each other; the first has the only pin, so one is left over."""
+    size, r = n // (clusters + 1), Random(n)
+    arcs = []
+    for first in range(1, n + 1, size):
+        last = min(first + size, n + 1)
+        for i in range(first, last):
+            ends = {i + 1 if i + 1 < last else first, r.randrange(first, last)} - {i}
+            arcs += [(i, j) for j in ends] + [(j, i) for j in ends]
+    network = Network.from_arcs(sorted(set(arcs)), arrow="listens_to", agents=n)
+    return Problem(network=network, coupling="y", gains={1: GAIN})
 
 
 def large_rows() -> Iterator[str]:

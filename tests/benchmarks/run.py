@@ -25,7 +25,8 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
-from large import falling_rows, lambda_rows, large_rows
+from large import falling_rows, lambda_rows, large_rows, whole_bars
+from old_interval import OldInterval
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
 from reduced import solve_reduced
@@ -38,7 +39,7 @@ from dobc_design.coupling.tree import Jet, run
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.definite import decide_quickly
 from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import Interval, float_values
+from dobc_design.exact.interval import float_values
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.exact.zmatrix import search
 from dobc_design.problem.exosystems import Exosystem
@@ -70,7 +71,7 @@ class Bar:
         sign, good = ("<=", self.ratio <= self.bar) if self.ceiling else (">=", self.ratio >= self.bar)
         outcome = "ok" if good else "ABOVE" if self.ceiling else "BELOW"
         digits = 2 if self.ratio < 10 else 0
-        return f"{self.what:<72} {sign} {self.bar:>5.0f}x  {self.ratio:>8.{digits}f}x  {outcome:<5}  {self.note}"
+        return f"{self.what:<72} {sign} {self.bar:>5g}x  {self.ratio:>8.{digits}f}x  {outcome:<5}  {self.note}"
 
 
 def main() -> None:
@@ -109,8 +110,10 @@ def bars() -> Iterator[Bar]:
     for name in ("karate-club", "microgrid-ieee14"):
         yield interval_bar(name)
     yield help_bar("dobc --help vs python -c 'import numpy'")
-    for row in (*pinning_bars(), *simulation_bars()):
+    for row in chain(pinning_bars(), simulation_bars()):
         yield Bar(**row)
+    for row in whole_bars():
+        yield Bar(**row, ceiling=True)
 
 
 def against_dense(what: str, given: Problem, objective: str, *, bar: float) -> Bar:
@@ -189,7 +192,7 @@ def ring(n: int, *, chord: int = 5) -> SparseSymmetric:
 
 
 def interval_bar(name: str) -> Bar:
-    """The coupling on all intervals of floats that `certify` evaluates it on: in floats, and in rationals as before."""
+    """The coupling on all intervals of floats that `certify` evaluates it on: in floats, and in the old rationals."""
     calls: list[tuple[Any, Floats]] = []
 
     def noted(steps: Any, variables: Any) -> Any:
@@ -211,7 +214,7 @@ def interval_bar(name: str) -> Bar:
         return time.process_time() - start
 
     def exact(x: Any) -> Any:
-        return x._replace(value=exact(x.value)) if isinstance(x, Jet) else Interval(x.lo, x.hi)
+        return x._replace(value=exact(x.value)) if isinstance(x, Jet) else OldInterval(x.lo, x.hi)
 
     # In turns, so that a busy machine slows down both.
     slow, fast = (

@@ -11,6 +11,7 @@ import pytest
 import dobc_design as dd
 from dobc_design.certificate.bounds import certified_bound
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.check import Check, Values
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.problem.exosystems import Exosystem
@@ -255,3 +256,12 @@ def test_a_stored_run_keeps_its_problem(curved, tmp_path):
     problem, certificate = curved
     path = dd.simulate(problem, t_final=0.5).save(tmp_path / "run.npz")
     assert certificate.envelope(dd.load_trajectory(path)).sources
+
+
+def test_the_certified_period_is_that_of_a_proved_check(curved):
+    problem, certificate = curved
+    claims = certificate.claims
+    assert certified_period(problem, claims) == certificate.check("sampling").claim.period > 0
+    for verdict in (Verdict.UNDECIDED, Verdict.REFUTED):
+        checks = tuple(replace(each, verdict=verdict) if each.id == "sampling" else each for each in claims.checks)
+        assert certified_period(problem, replace(claims, checks=checks)) is None

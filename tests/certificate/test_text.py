@@ -258,7 +258,11 @@ def vector_check(*values: str) -> Check:
 @pytest.mark.parametrize("digits", [LONGEST, LONGEST + 1])
 def test_a_number_of_a_witness_may_be_as_long_as_a_checker_reads_and_no_longer(digits):
     check = vector_check("1" + "0" * (digits - 1))
-    assert writable(check) == check if digits <= LONGEST else writable(check).verdict is UNDECIDED
+    assert (
+        writable(check, "consensus") == check
+        if digits <= LONGEST
+        else writable(check, "consensus").verdict is UNDECIDED
+    )
 
 
 def test_the_common_denominator_of_a_witness_is_bounded():
@@ -266,8 +270,8 @@ def test_the_common_denominator_of_a_witness_is_bounded():
     powers = ((2, 30_000), (3, 18_000), (5, 4000))
     two, three, five = (number_text(Fraction(1, prime**power)) for prime, power in powers)
     assert (2**30_000 * 3**18_000).bit_length() < 2**16 < (2**30_000 * 3**18_000 * 5**4000).bit_length()
-    assert writable(vector_check(two, three)) == vector_check(two, three)
-    assert writable(vector_check(two, three, five)).verdict is UNDECIDED
+    assert writable(vector_check(two, three), "consensus") == vector_check(two, three)
+    assert writable(vector_check(two, three, five), "consensus").verdict is UNDECIDED
 
 
 @pytest.mark.parametrize("digits", [LONGEST_COEFFICIENT, LONGEST_COEFFICIENT + 1])
@@ -276,7 +280,7 @@ def test_a_polynomial_may_be_long_and_its_coefficients_not(digits):
     check = Check(
         id="detectability", verdict=PROVED, domain="global", reason="", claim=Values({"unobservable_polynomial": text})
     )
-    assert (writable(check) == check) is (digits <= LONGEST_COEFFICIENT)
+    assert (writable(check, "consensus") == check) is (digits <= LONGEST_COEFFICIENT)
 
 
 def test_what_is_no_number_may_be_long():
@@ -288,12 +292,12 @@ def test_what_is_no_number_may_be_long():
         claim=Values({"mode": "G" * 20_000, "v": {"float64": "A" * 20_000}}),
         witness=Witness(kind="agents", labels=("9" * 20_000,)),
     )
-    assert writable(check) == check
+    assert writable(check, "consensus") == check
 
 
 def test_an_undecided_check_keeps_its_cure_and_says_what_to_do():
     fix = Fix(kind="pinning", set={"pinning.gains": 1}, text="Pin agent 1.")
-    check = writable(replace(vector_check("1" * (LONGEST + 1)), fix=fix))
+    check = writable(replace(vector_check("1" * (LONGEST + 1)), fix=fix), "consensus")
     assert (check.verdict, check.mode, check.fix, check.margin) == (UNDECIDED, "G", fix, None)
     assert (check.exact, check.witness) == (None, None)
     assert "it is refuted here" in check.reason
@@ -336,3 +340,11 @@ def test_small_decimals_in_a_polynomial_are_written_as_quotients():
     certificate = certify(problem)
     assert certificate.check("detectability").exact["unobservable_polynomial"] == f"s + 1/1{'0' * 250}"
     assert verify(certificate, problem).failures == ()
+
+
+def test_a_check_that_claims_nothing_any_more_keeps_no_box():
+    box = {"kind": "box", "radius": 1.0, "disturbance": 0.0}
+    claim = Values({"v": ["1" * (LONGEST + 1)]})
+    check = Check(id="max-separable", verdict=PROVED, domain=box, rate=1.0, reason="", claim=claim)
+    check = writable(check, "consensus")
+    assert (check.verdict, check.domain, check.rate, check.exact) == (UNDECIDED, "consensus", None, None)

@@ -35,8 +35,8 @@ def matrix_gains(third=(1, 2)):
     return linked([[2, 1]], gains=gains, target=[0, 0, 0], region={"initial_states": sides})
 
 
-def box(h, half, **more):
-    return linked([[2, 1]], 2, coupling=h, region={"initial_states": [f"-{half}", half]}, **more)
+def box(h, half, arcs=((2, 1),), **more):
+    return linked(arcs, 2, coupling=h, region={"initial_states": [f"-{half}", half]}, **more)
 
 
 def chain(*weights):
@@ -50,6 +50,9 @@ CASES = {
     "sqrt": (box("sqrt(1+y) - 1", "0.6", gains={1: 2}), UNDECIDED),
     "sqrt, inside": (box("sqrt(1+y) - 1", "0.4", gains={1: 2}), PROVED),
     "log": (box("log(1+y)", "0.4", gains={1: 2}), PROVED),
+    "wiggle": (box("2*y + sin(3*y)", 2, gains={1: "2.4"}), PROVED),
+    "wiggle, wide": (box("2*y + sin(3*y)", 8, [[2, 1], [1, 2, "1.1"]], gains={1: "2.4"}), PROVED),
+    "sine, wide": (box("sin(y)", "1.6", gains={1: "0.15", 2: "0.15"}), PROVED),
     "list": (box(LIST, 3, gains={1: 1}, target=[0, 0]), PROVED),
     "chain": (chain("2.8", "0.5", "2.9", "0.4"), PROVED),
     "chain of two": (linked([[2, 1, 2]], gains={1: "0.1"}), PROVED),
@@ -62,7 +65,7 @@ CASES = {
 }
 
 
-SLOW = ("sqrt", "max(y, 0)", "dead zone")
+SLOW = ("sqrt", "wiggle, wide", "max(y, 0)", "dead zone")
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES])

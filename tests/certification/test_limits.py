@@ -59,6 +59,7 @@ HANGS = {
     "nested": (problem_text(NESTED), 3),
     "modes": (problem_text(modes=many_modes(3000)), 0),
     "order 40": (problem_text("y", more=dense(40), region=""), 3),
+    "given W": (problem_text("y", more=f"{dense(40)}[observer]\nW = {[[1]] * 40}\n", region=""), 3),
     "order 200": (problem_text("y", more=dense(200), region=""), 3),
 }
 
@@ -187,6 +188,19 @@ def test_designs_for_a_wide_region_of_a_sine_are_found(arcs: str, radius: str, t
     """sin falls beyond pi/2, which differences of these starts reach; small gains on both of two agents do."""
     text = problem_text(modes=f"a = [{arcs}]", region=f"[-{radius}, {radius}]").replace("agents = 3", "agents = 2")
     problem = loaded(tmp_path, text.replace("[pinning]\ngains = 2\n", ""))
+    found = dd.design(problem)
+    assert found.verdict is dd.Verdict.PROVED
+    assert found.problem is not None
+    assert dd.verify(dd.certify(found.problem), found.problem).holds
+
+
+@pytest.mark.slow
+def test_a_design_for_a_region_of_a_sine_with_an_observer_ends_with_a_proof(tmp_path: Path):
+    """Agent 4 listens to nobody and is heard; once the search for gains and W had no end."""
+    arcs = "[[2, 3], [2, 5], [3, 1], [5, 1], [5, 3], [5, 4]]"
+    text = FIVE[: FIVE.index("a =")] + f"a = {arcs}\n" + FIVE[FIVE.index("[coupling]") :].replace('"y"', '"sin(y)"')
+    text = text.replace("A = [[0]]\nC = [[1]]", "A = [[0, 1], [-1, 0]]\nC = [[1, 0]]")
+    problem = loaded(tmp_path, f"{text}[region]\ninitial_states = [-0.86, 0.86]\ninitial_disturbance = 0.5\n")
     found = dd.design(problem)
     assert found.verdict is dd.Verdict.PROVED
     assert found.problem is not None

@@ -93,6 +93,7 @@ def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
     shown = capsys.readouterr().out
     assert "\x1b" not in shown
     assert shown.isascii()
+    assert "NOT CONFIRMED" in shown and "Every claim holds" not in shown
 
 
 @pytest.mark.parametrize("keep", ["verdict", "nothing"])

@@ -206,6 +206,18 @@ def test_enclosures_of_compositions_hold_random_points_and_all_their_secants(sou
     assert seen > 5 * count
 
 
+NAN, INFINITE = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize(
+    ("lo", "hi"),
+    [(1.0, 0.0), (-INFINITE, 0.0), (0.0, INFINITE), (NAN, 0.0), (0.0, NAN), (-Fraction(2**40000), Fraction(0))],
+)
+def test_what_is_no_interval_of_numbers_in_range_is_refused(lo, hi):
+    with pytest.raises(Refused, match="leaves the range"):
+        intervals.outward(lo, hi)
+
+
 @pytest.mark.parametrize("n", [0, 1, 2, 3, 4, 7, 10])
 def test_arithmetic_is_rounded_outward(n):
     """Against exact rational arithmetic at the ends of random intervals."""

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
 from random import Random
 from typing import Any
 
+import numpy as np
 from evidence.row import Row
 from random_problems import random_problem
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
+from dobc_design.conditions.coverage import asked_radius
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
@@ -29,6 +33,8 @@ KINKS = (
 LISTS = (
     ["tanh(y1)", "tanh(y2)"],
     ["y1", "2*y2"],
+    ["y1 + y2/4", "y2 - y1/4"],
+    ["tanh(y1)", "2*y2"],
     ["sin(y1) + y2/4", "y2"],
     ["log(1 + y1)", "y2 + y1*y2/4"],
     ["sqrt(1 + y1) - 1", "sqrt(1 + y2) - 1"],
@@ -36,18 +42,62 @@ LISTS = (
 EXOSYSTEMS = ([[0]], [[0, 1], [0, 0]], [[0, 2], [-2, 0]], [[-1]])
 
 
+VERDICTS = ("proved", "refuted", "undecided")
+KINDS = (
+    *("vector states", "couplings by list", "groups", "exosystems", "matrix gains", "kinks", "several modes"),
+    *("no region", "regions just inside where h is defined", "regions beyond where h is defined"),
+)
+MANY = 200  # problems among which every kind occurs
+
+
 def run(count: int, seed: int) -> Row:
     """No claim that is made is refused by the second program, and none had to be withdrawn because of it."""
-    failures, verdicts = [], dict.fromkeys(("proved", "refuted", "undecided"), 0)
+    failures, verdicts, claims = [], Counter(), Counter()
     for number in range(seed, seed + count):
         problem = any_problem(number)
         certificate = certify(problem)
-        verdicts[certificate.verdict.value] += 1
+        verdicts.update((kind, certificate.verdict.value) for kind in ("", *kinds(problem)))
+        claims.update(check.verdict.value for check in certificate.checks)
         failures += [f"{number}: {c.reason}" for c in certificate.checks if "second program" in c.reason]
         failures += [f"{number}: {text}" for text in verify(certificate_bytes(certificate.claims), problem).failures]
         failures += [f"{number}: {certificate.claims.reason}"] if "second program" in certificate.claims.reason else []
-    notes = [", ".join(f"{many} {verdict}" for verdict, many in verdicts.items())]
+    notes = [f"single claims: {', '.join(f'{claims[verdict]} {verdict}' for verdict in VERDICTS)}"]
+    for kind in ("", *KINDS):
+        many = [verdicts[kind, verdict] for verdict in VERDICTS]
+        listed = ", ".join(f"{number} {verdict}" for number, verdict in zip(many, VERDICTS, strict=True))
+        notes.append(f"{kind or 'problems'}, {sum(many)}: {listed}")
+        failures += [f"no problem has {kind}"] if count >= MANY and not sum(many) else []
     return Row("certify and the second program: problems of every kind on which they agree", count, failures, notes)
+
+
+def kinds(problem: Problem) -> Iterator[str]:
+    """Those of KINDS that a problem is of."""
+    diagonal = all(
+        tuple(tuple(K[0][0] * (i == j) for j in range(problem.m)) for i in range(problem.m)) == K
+        for K in problem.pinning.gains.values()
+    )
+    edged = problem.region is not None and any(problem.network.modes.values())
+    found = (
+        problem.m > 1,
+        any(not h.by_component for h in problem.couplings),
+        problem.is_grouped,
+        bool(problem.groups),
+        not diagonal,
+        any(h.nonsmooth for h in problem.couplings),
+        len(problem.network.modes) > 1,
+        problem.region is None,
+        edged and _defined(problem, 1) and not _defined(problem, 2),
+        edged and not _defined(problem, 1),
+    )
+    yield from (kind for kind, true in zip(KINDS, found, strict=True) if true)
+
+
+def _defined(problem: Problem, times: int) -> bool:
+    """Does every h have values at differences of ``times`` the largest between two agents?"""
+    largest = 2 * times * float(max(asked_radius(problem)))
+    y = np.linspace(-largest, largest, 401)[:, np.newaxis] * np.ones(problem.m)
+    with np.errstate(all="ignore"):
+        return all(np.isfinite(h.value(y)).all() for h in problem.couplings)
 
 
 def any_problem(seed: int) -> Problem:
@@ -55,7 +105,7 @@ def any_problem(seed: int) -> Problem:
     r = Random(seed)
     if r.random() < 0.2:
         return random_problem(seed)
-    n, m = r.randint(1, 5), r.choice((1, 1, 2))
+    n, m = r.randint(1, 5), r.choice((1, 2))
     chain = [(i, r.randint(1, i - 1)) for i in range(2, n + 1) if r.random() < 0.9]
     pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
     modes = {
@@ -71,13 +121,14 @@ def any_problem(seed: int) -> Problem:
         given["exosystem"] = _exosystem(r, m)
     if r.random() < 0.8:
         ends = [sorted(r.choice((-1, 1)) * r.choice((0, 1, 2, 3, 5, 8)) for _ in "ab") for _ in range(m)]
-        given["region"] = {"initial_states": [[f"{lo}/5", f"{hi}/5"] for lo, hi in ends]}
+        unit = r.choice((5, 10))
+        given["region"] = {"initial_states": [[f"{lo}/{unit}", f"{hi}/{unit}"] for lo, hi in ends]}
         if kind < 0.4 and len(given) > 2:
             given["region"]["initial_disturbance"] = r.choice(("0", "1/10", "1/2"))
     listed = m == 2 and r.random() < 0.5
     return Problem(
         network=Network.from_arcs(modes, arrow="listens_to", agents=n),
-        coupling=r.choice(LISTS if listed else r.choice((SMOOTH, SMOOTH, EDGES, KINKS))),
+        coupling=r.choice(LISTS if listed else r.choice((SMOOTH, EDGES, KINKS))),
         target=[r.choice(("0", "0", "0", "1/5")) for _ in range(m)],
         **given,
     )

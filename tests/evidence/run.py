@@ -18,6 +18,7 @@ TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "support")]
 
 from evidence.items import FUZZ, ITEMS  # noqa: E402 - found through the paths above
+from heard import let_children_hear  # noqa: E402
 
 
 def main() -> int:
@@ -25,6 +26,7 @@ def main() -> int:
     parser.add_argument("--fuzz-minutes", type=float, metavar="N", help="minutes of CPU time for fuzzing; default 1")
     parser.add_argument("--only", choices=[item.name for item in ITEMS], action="append", help="run only this item")
     options = parser.parse_args()
+    let_children_hear()
     warnings.simplefilter("ignore")  # SciPy's, about the matrices that are bad on purpose
     started = time.perf_counter()
     rows = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import warnings
 from pathlib import Path
@@ -10,7 +11,11 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from evidence import agreement
 from evidence.items import ITEMS, Item
+
+import dobc_design.certification.recheck as rechecks
+from dobc_design.checker.examine import examine
 
 BAD_FILES = 8  # that item asks for all there are
 
@@ -25,3 +30,29 @@ def test_a_share_of_the_evidence_holds(item: Item):
     assert not row.failures, "\n".join(row.failures[:20])
     # Not every problem has an optimum, but half of them do for each of the two objectives.
     assert row.count >= min(count, row.least)
+
+
+PROVED_REGION = 8508  # a seed whose problem is proved with a max-separable
+
+
+@pytest.mark.parametrize(("name", "number"), [("alpha", "9"), ("rho", "1/9"), ("v", ["1", "-1"])])
+def test_one_spoilt_number_is_counted_as_a_disagreement(name: str, number, monkeypatch: pytest.MonkeyPatch):
+    """The certificate that is checked is the one that was made but for one number."""
+    assert not agreement.run(1, PROVED_REGION).failures
+
+    def spoilt(claims: object) -> bytes:
+        document = json.loads(honest(claims))
+        next(check["exact"] for check in document["checks"] if check["id"] == "max-separable")[name] = number
+        return json.dumps(document).encode()
+
+    honest = agreement.certificate_bytes
+    monkeypatch.setattr(agreement, "certificate_bytes", spoilt)
+    assert agreement.run(1, PROVED_REGION).failures
+
+
+def test_a_claim_that_one_program_refuses_is_counted_as_a_disagreement(monkeypatch: pytest.MonkeyPatch):
+    def refuses(data: bytes, document: bytes):
+        return [(holds and "max-separable" not in text, text) for holds, text in examine(data, document)]
+
+    monkeypatch.setattr(rechecks.checker, "examine", refuses)
+    assert agreement.run(1, PROVED_REGION).failures

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import operator
+import pickle
 from fractions import Fraction
 from itertools import product
 
@@ -113,6 +115,11 @@ def test_what_is_no_interval_of_finite_numbers_is_refused(a: float, b: float) ->
         Floats(a, b)
 
 
+def test_intervals_of_floats_are_equal_where_both_ends_are() -> None:
+    assert Floats(1.0, 2.0) == Floats(1.0, 2.0)
+    assert all(Floats(1.0, 2.0) != other for other in (Floats(1.0, 3.0), Floats(0.0, 2.0), (1.0, 2.0)))
+
+
 def test_too_large_numbers_are_refused_and_too_small_ones_are_bounded() -> None:
     large, small = Floats(1e200, 1e200), Floats(1e-200, 1e-200)
     with pytest.raises(UndefinedError, match="exceeds"):
@@ -139,3 +146,28 @@ def test_without_rounding_outwards_the_rationals_are_not_contained(monkeypatch: 
     float_values.cache_clear()
     truth = [FUNCTIONS["exp"].interval(exact(Floats(k / 7, k / 7))) for k in range(1, 40)]
     assert not all(contains(f, t) for f, t in zip(found, truth, strict=True))
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+def test_an_interval_of_floats_can_be_copied_and_pickled(copied):
+    x = Floats(0.1, 0.3)
+    assert copied(x) == x
+    assert copied(x).lo == x.lo == Fraction(0.1)
+
+
+def test_numbers_remembered_in_floats_change_neither_what_is_shown_nor_what_is_written():
+    third = Interval.point(Fraction(1, 3))
+    before = repr(third)
+    found = Floats.around(third)
+    assert Floats.around(third) is found
+    assert found.contains(third)
+    assert (repr(third), third) == (before, Interval.point(Fraction(1, 3)))
+    assert pickle.loads(pickle.dumps([third, found])) == [third, found]
+
+
+@pytest.mark.parametrize("whole", [3, -(2**53), 2**53 + 1, -(10**40)])
+def test_an_integer_lies_in_its_floats(whole: int):
+    """Beyond 2^53 not every integer is a float."""
+    found = Floats.around(whole)
+    assert found.lo <= whole <= found.hi
+    assert found.is_point == (float(whole) == whole)

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dobc_design.errors import ShapeError, SpecError
@@ -34,6 +34,8 @@ def test_it_says_the_same_as_the_sparse_form(M, v):
 
 
 @given(st.lists(st.tuples(PLACES, WIDE), max_size=20))
+@example([((0, 0), 2**61)] * 5 + [((1, 1), 1)])
+@example([((0, 0), -(2**61))] * 5 + [((1, 1), -1)])
 def test_what_is_given_twice_for_a_place_is_added_up(given_entries):
     """Arcs between the same agents, in exact integers of any length."""
     total: dict[tuple[int, int], int] = {}

@@ -6,6 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from fuzzing import LIMIT as ALONE
+from fuzzing import time_limit
 from grid_tables import tables
 
 import dobc_design as dd
@@ -64,11 +66,18 @@ def test_a_matpower_case_becomes_angles_with_exact_susceptances(tmp_path):
     ("old", "new", "match"),
     [
         ("mpc.branch = [", "mpc.lines = [", "must hold the table mpc.branch"),
-        ("4e-1", "1/3+0.1", r"mpc.branch\(3,4\) must be a number"),
-        ("20, 30", "20, 31", "names bus 31, which is not there"),
+        ("4e-1", "1/3+0.1", r"three.m, line 20: mpc.branch\(3,4\) must be a number, because nothing .* computed; got"),
+        ("4e-1", "1/3", r"line 20: mpc.branch\(3,4\) must be a number"),
+        ("\t1\t50\t10;", "\t1\t12 / 3;", r"line 8: mpc.bus\(2,4\) must be a number"),
+        ("\t10\t3\t0\t0;", "\t10\t3\t0\tf(3);", r"line 7: mpc.bus\(1,4\) must be a number"),
+        ("\t0\t1;\n];", "\t0\t1;\n]';", r"line 17: mpc.branch must end in \];"),
+        ("mpc.gencost", "mpc.branch(:, 4) = mpc.branch(:, 4) / 2;\nx", r"line 25 changes the tables.*savecase"),
+        ("mpc.gencost", "if 1, mpc.branch(a == b, BR_X) = 2; end\nx", "line 25 changes the tables"),
+        ("mpc.gencost", "mpc = scale_load(2, mpc);\nx", "line 25 changes the tables"),
+        ("20, 30", "20, 31", "line 20: mpc.branch row 3 names bus 31, which is not there"),
         ("20, 30", "20, 20", "from bus 20 to itself"),
         ("\t40\t4\t0\t0;", "\t40\t;\n", "at least 2 columns; row 4 has 1"),
-        ("\t10\t3\t0\t0;", "\t1.5\t3\t0\t0;", "bus must be a whole number"),
+        ("\t10\t3\t0\t0;", "\t1.5\t3\t0\t0;", "line 7: mpc.bus row 1 must name a bus by a whole number"),
         ("\t10\t30\t0\t0.2\t0\t0\t0\t0\t0\t0\t0;", "\t10\t30\t0;", "at least 11 columns; row 4 has 3"),
     ],
 )
@@ -91,6 +100,30 @@ def test_a_negative_reactance_repels_and_one_of_0_joins_its_buses(tmp_path):
     assert "30 into 20" in joined.notes[-1]
 
 
+OHM = """mpc.baseMVA = 50;
+Vbase = mpc.bus(1, BASE_KV) * 1e3;      %% in Volts
+Sbase = mpc.baseMVA * 1e6;
+mpc.branch(:, [BR_R BR_X]) = mpc.branch(:, [BR_R BR_X]) / (Vbase^2 / Sbase);
+mpc.bus(:, [PD, QD]) = mpc.bus(:, [PD, QD]) / 1e3;
+mpc.gen(k, PMAX) = mpc.gen(k, PG);
+"""
+
+
+def test_reactances_that_the_case_turns_from_ohms_into_per_unit_are(tmp_path):
+    """x / (10^2 / 50): half of what is written; anything else in place of that statement is refused."""
+    wide = CASE.replace("\t0\t0;\n\t20", "\t0\t0\t0\t0\t1\t1\t0\t10.0\t12/sqrt(3);\n\t20")
+    plain, ohm = imported(tmp_path, wide), imported(tmp_path, wide + OHM)
+    assert [w for _, _, w in ohm.network.modes["grid"]] == [2 * w for _, _, w in plain.network.modes["grid"]]
+    for old, new in (("* 1e6", "* 1e3"), ("Vbase^2", "Vbase^3"), ("(1, BASE_KV)", "(2, BASE_KV)")):
+        with pytest.raises(SpecError, match="line 29 changes the tables"):
+            imported(tmp_path, wide + OHM.replace(old, new))
+
+
+def test_a_table_in_a_block_comment_is_no_table(tmp_path):
+    hidden = CASE + "%{\nmpc.branch = [ 10 20 0 9 0 0 0 0 0 0 1 ];\n %}\n"
+    assert imported(tmp_path, hidden).network == imported(tmp_path, CASE).network
+
+
 def test_nothing_in_a_case_file_is_executed(tmp_path):
     hostile = CASE.replace("4e-1", "__import__('os').system('touch " + str(tmp_path / "hacked") + "')")
     with pytest.raises(SpecError, match=r"mpc.branch\(3,4\) must be a number"):
@@ -98,9 +131,24 @@ def test_nothing_in_a_case_file_is_executed(tmp_path):
     assert not (tmp_path / "hacked").exists()
 
 
-def test_a_long_file_of_brackets_is_read_in_linear_time():
-    with pytest.raises(SpecError, match=r"mpc\.bus"):
-        read_matpower("mpc.bus = [" * 50_000, name="bomb.m")
+WHOLE = "mpc.bus = [1 3;2 1];mpc.branch=[1 2 0 .1 0 0 0 0 0 0 1];\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "mpc.bus = [" * 50_000,
+        "'" * 300_000,
+        "mpc.bus = [" + "9" * 300_000 + "x 2];",
+        WHOLE + "[" + " " * 300_000 + "=1; mpc = 1",
+        WHOLE + "mpc.bus(" * 100_000 + "=1",
+        WHOLE + "mpc.bus(:," + "PD," * 100_000 + "=1",
+    ],
+)
+def test_a_long_run_of_one_thing_is_read_in_linear_time(text: str):
+    """Quadratic time would be minutes."""
+    with time_limit(ALONE), pytest.raises(SpecError, match=r"mpc\.bus|changes the tables"):
+        read_matpower(text, name="bomb.m")
 
 
 def pandapower():

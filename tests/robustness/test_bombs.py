@@ -5,10 +5,12 @@ from __future__ import annotations
 import gzip
 import io
 import os
+import struct
 import subprocess
 import sys
 import unicodedata
 import zipfile
+import zlib
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,6 +21,7 @@ import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.importing.grids import merged, read_matpower
 from dobc_design.problem.arrays import require_floats
+from dobc_design.report.write import render_report
 from dobc_design.sweeps.plan import Task, make_plan
 from dobc_design.sweeps.result import SweepResult, _cell, _is_line
 
@@ -144,6 +147,66 @@ def test_accents_in_two_forms_are_one_label():
     assert problem.pinning.agents == (0,)
 
 
+def element(kind: int, data: bytes) -> bytes:
+    return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+
+def variable(name: str, kind: int, shape: tuple[int, ...], *body: bytes) -> bytes:
+    sizes = element(5, struct.pack(f"<{len(shape)}i", *shape))
+    return element(14, b"".join([element(6, struct.pack("<II", kind, 0)), sizes, element(1, name.encode()), *body]))
+
+
+def zeros(name: str, count: int = 30_000_000) -> bytes:
+    return variable(name, 6, (count, 1), element(1, bytes(count)))
+
+
+MATLAB = {
+    "unknown variables": (lambda: zeros("junk"), 40, "its variables take more than"),
+    "one known variable": (lambda: zeros("L"), 40, "its variables take more than"),
+    "large arrays in a cell": (lambda: variable("L", 1, (10, 1), *[zeros("")] * 10), 1, "of the shape"),
+    "a long cell": (lambda: variable("labels", 1, (2_000_000, 1), bytes(16_000_000)), 1, "of the shape"),
+    "a long text": (lambda: variable("h", 4, (30_000_000, 1), element(16, bytes(30_000_000))), 1, "of the shape"),
+}
+IMPORT = f"{WITHIN}resource.setrlimit(resource.RLIMIT_CPU, (60, 60))\nimport dobc_design as dd\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", MATLAB)
+def test_a_matlab_file_of_much_is_refused_in_a_minute_and_3_gb(tmp_path, kind: str):
+    """Unlimited, 5 GB and a minute and a half for the cells; it is refused by its limit, not by the lack of memory."""
+    make, copies, match = MATLAB[kind]
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    packed = zlib.compress(make(), 9)
+    path = written(tmp_path / "x.mat", head + (struct.pack("<II", 15, len(packed)) + packed) * copies)
+    done = subprocess.run(
+        [sys.executable, "-c", f"{IMPORT}dd.problem_from_file(sys.argv[1])", str(path)],
+        capture_output=True,
+        check=False,
+    )
+    assert b"SpecError: x.mat is a damaged MATLAB file" in done.stderr and match.encode() in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", ["csv", "graphml", "toml"])
+def test_a_million_labels_are_read_in_a_minute_and_3_gb(tmp_path, suffix: str):
+    count, path = 1_000_000, tmp_path / f"x.{suffix}"
+    if suffix == "csv":
+        text = "\n".join(f"n{i},n{i + 1}" for i in range(count - 1))
+    elif suffix == "graphml":
+        nodes = "".join(f'<node id="n{i}"/>' for i in range(count))
+        text = f'<graphml xmlns="http://graphml.graphdrawing.org/xmlns"><graph edgedefault="directed">{nodes}'
+        text += '<edge source="n0" target="n1"/></graph></graphml>'
+    else:
+        labels = ",".join(f'"n{i}"' for i in range(count))
+        text = f'name="x"\ntarget=0\n[network]\narrow="listens_to"\nagents=[{labels}]\n'
+        text += '[network.modes]\nG=[["n0","n1"]]\n[coupling]\nh="y"\n'
+    path.write_text(text)
+    arrow = None if suffix == "toml" else "listens_to"
+    code = f"{IMPORT}sys.stdout.write(str(dd.problem_from_file(sys.argv[1], arrow={arrow!r}).n))"
+    done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, check=False)
+    assert (done.stdout, done.stderr) == (b"1000000", b"")
+
+
 @pytest.mark.slow
 def test_a_million_dots_and_a_million_joined_buses_are_read_in_linear_time():
     with pytest.raises(SpecError, match=r"mpc\.bus"):
@@ -164,6 +227,19 @@ def test_help_shows_brackets_and_colons_as_they_are_typed():
         assert typed in done.stdout.decode()
 
 
+@pytest.mark.parametrize("command", ["certify", "simulate"])
+def test_a_home_that_cannot_be_written_is_no_matter_for_standard_error(tmp_path, command: str):
+    """Matplotlib would say where it keeps its fonts instead."""
+    done = subprocess.run(
+        [sys.executable, "-m", "dobc_design", command, "clock-sync", "--out", str(tmp_path / "out")],
+        capture_output=True,
+        check=False,
+        timeout=300,
+        env={name: text for name, text in os.environ.items() if name != "MPLCONFIGDIR"} | {"HOME": "/proc"},
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
 def test_a_certificate_that_fails_confirms_no_verdict():
     certificate = dd.certify("clock-sync")
     other = dd.Problem(network=dd.Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1})
@@ -176,3 +252,11 @@ def test_a_certificate_that_fails_confirms_no_verdict():
 def test_a_cell_of_csv_is_no_formula_and_numbers_stay_numbers():
     assert [_cell(x) for x in ("=1+1", "@a", "-y", "+a", "\t=1")] == ["'=1+1", "'@a", "'-y", "'+a", "'\t=1"]
     assert [_cell(x) for x in ("-1.5", -1.5, "y", True, None, "+3")] == ["-1.5", -1.5, "y", "true", None, "+3"]
+
+
+@pytest.mark.parametrize(("weight", "region"), [("1e400", None), (1, {"initial_states": [-1, "1e400"]})])
+def test_numbers_beyond_floats_have_a_verdict_and_a_report(weight, region):
+    network = dd.Network.from_arcs({"G": [[1, 2, weight], [2, 1]]}, arrow="listens_to")
+    certificate = dd.certify(dd.Problem(network=network, coupling="y + tanh(y)", gains={"1": 1}, region=region))
+    assert {"report.html", "report.md"} <= render_report(certificate).keys()
+    assert certificate.verdict is dd.Verdict.UNDECIDED

@@ -33,6 +33,18 @@ def test_an_interrupted_certify_says_so_and_leaves_a_whole_set(tmp_path, number)
     assert outcome.counts["interrupted"] == 2
 
 
+@pytest.mark.parametrize("milliseconds", [1, 15, 30, 50])
+def test_sigterm_in_the_first_moments_ends_at_once_without_a_word_of_python(tmp_path, milliseconds: int):
+    command = [sys.executable, "-m", "dobc_design", "certify", "paper-fixed", "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        time.sleep(milliseconds / 1000)
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode in (-signal.SIGTERM, 128 + signal.SIGTERM)
+    assert b"Traceback" not in said
+    assert not (tmp_path / "out").exists()
+
+
 HIT = """
 import os, signal, sys
 from dobc_design import __main__

@@ -208,6 +208,10 @@ TOML_AND_BYTES = [
 ]
 
 UNKNOWN_KEYS = [
+    *(
+        bad(f"schema-{value}", swap("schema = 1", f"schema = {value}"), "schema", "1")
+        for value in ('"1"', "true", 0, 2)
+    ),
     bad("unknown-top", top("targett = 2"), "targett", "target"),
     bad("unknown-network", below("[network]", "agent = 4"), "network.agent", "agents"),
     bad("unknown-exception", exception('arcs = [[1, 2]]\nh = "2*y"\narc = 1'), "coupling.exceptions[0].arc", "arcs"),

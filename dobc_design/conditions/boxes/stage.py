@@ -47,7 +47,7 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
         return [undecided_check("exhaustive", asked.domain, reason, applies=False)] if asked.everything else []
     report("deciding the region (exhaustive)")
     needed = 0.0 if asked.everything else math.nextafter(asked.ball, 0.0)
-    with at_most(STAGE):
+    with at_most(STAGE * (2 if asked.everything else 1)):  # for each shape
         best = _shell(asked, "identity", beyond=needed)
         if best is None or asked.everything:
             best = _shell(asked, "full", beyond=needed if best is None else _ball(asked, best)) or best
@@ -76,12 +76,10 @@ def _shell(asked: Asked, shape: Shape, *, beyond: float) -> Shell | None:
     slow = _grown(asked, shape, Fraction(0), beyond=beyond)
     if slow is None or not asked.wanted or _ball(asked, slow) < asked.ball:
         return slow
-    top = linear_rate(asked.problem, asked.W)
-    for part in RATES if top > 0 else ():
-        fast = _grown(asked, shape, rounded_down(Fraction(top) * part, digits=4), beyond=beyond)
-        if fast is not None and _ball(asked, fast) >= asked.ball:
-            return fast
-    return slow
+    top, whole = linear_rate(asked.problem, asked.W), math.nextafter(asked.ball, 0.0)
+    rates = (rounded_down(Fraction(top) * part, digits=4) for part in RATES if top > 0)
+    faster = (_grown(asked, shape, rate, beyond=max(beyond, whole)) for rate in rates)
+    return next((shell for shell in faster if shell is not None), slow)
 
 
 def _grown(asked: Asked, shape: Shape, rate: Fraction, *, beyond: float) -> Shell | None:

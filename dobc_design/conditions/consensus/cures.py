@@ -168,9 +168,9 @@ def _candidates(blocks: Blocks, problem: Problem) -> list[int]:
     return [agent for agent in order if agent in common][:most]
 
 
-def _affordable(size: int) -> int:
-    """How many agents to try where each costs one solve of this size."""
-    return max(FEWEST, min(CANDIDATES, WORK // max(1, size) ** 2))
+def _affordable(size: int, *, times: int = 1) -> int:
+    """How many agents to try, so many ``times``, where each costs one solve of this size."""
+    return max(FEWEST, min(CANDIDATES, WORK // (times * max(1, size) ** 2)))
 
 
 def _weights(blocks: Blocks, agents: Array) -> Array:
@@ -210,13 +210,18 @@ def _one_of_each(blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> list[int]
     while left:
         count = Counter(agent for group in left for agent in group)
         most = max(count.values())
-        often = sorted(agent for agent, number in count.items() if number == most)
-        home = min((group for group in left if group & set(often)), key=lambda group: (len(group), min(group)))
-        outside = [other for other in range(blocks.agents) if other not in home]
-        local = [agent for agent in often if agent in home][: _affordable(len(home))]
-        loose = {agent: pinning.looseness(blocks, (*outside, agent)) for agent in local}
-        chosen.append(min(local, key=lambda agent: (float(f"{loose[agent]:.9g}"), agent)))  # rounded: ties are ties
-        left = [group for group in left if chosen[-1] not in group]
+        homes = [group for group in left if any(count[agent] == most for agent in group)]
+        homes.sort(key=lambda group: (len(group), min(group)))
+        for home in homes if most == 1 else homes[:1]:  # groups without common agents do not bear on each other
+            held = np.array(sorted(home))
+            rows = rows_of(held, blocks.width)
+            inner = replace(blocks, agents=len(held), tables=tuple(table[rows][:, rows] for table in blocks.tables))
+            local = [place for place, agent in enumerate(held.tolist()) if count[agent] == most]
+            local = local[: _affordable(len(held), times=len(left))]
+            # Rounded, so that ties are ties.
+            best = min(local, key=lambda place: (float(f"{pinning.looseness(inner, [place]):.9g}"), place))
+            chosen.append(int(held[best]))
+        left = [group for group in left if group.isdisjoint(chosen)]
     return chosen
 
 

@@ -70,6 +70,7 @@ def roomy_gains(coupling: Coupling, radius: Fraction, *, room: Fraction = ROOM) 
     )
 
 
+@np.errstate(all="ignore")  # near the ends of the floats
 def design_lure(
     problem: Problem,
     *,

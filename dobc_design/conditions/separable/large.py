@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from dobc_design.conditions.separable.claim import FACES, holding_gains
 from dobc_design.coupling.enclosures import Curve, Profile, secant
 from dobc_design.coupling.expression import Expression
+from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles
@@ -31,6 +32,7 @@ Array = NDArray[np.float64]
 
 CELLS, _KEPT = 512, 16  # of a table; tables
 _BEYOND: Final = Fraction(1, 2**20)  # by which cells overlap, far more than a float position can be wrong
+_CLOSE: Final = Fraction(1, 2**40)  # as a part of it, how far from g floats may be
 # A result of one operation is within 2^-53 of itself of the truth (2^-1074 near 0).
 _RELATIVE, _TINY = 2.0**-51, 2.0**-1060
 
@@ -122,14 +124,19 @@ def _cell(curve: Curve, start: Fraction, width: Fraction, *, limit: Fraction) ->
     nothing = (-math.inf, math.inf)
     if start > limit + 2 * overlap or start + width < -limit - 2 * overlap:
         return nothing * 3
-    place = Interval(start - overlap, start + width + overlap)
-    around = secant(curve, place)
+    place, middle = Interval(start - overlap, start + width + overlap), Interval.point(start + width / 2)
+    try:  # in floats, if they tell g: next to 0 differences as in exp(y) - 1 leave few digits
+        around, node = (secant(curve, Floats.around(each)) for each in (place, middle))
+        close = node.value.width <= _CLOSE * node.value.magnitude
+    except UndefinedError:
+        close = False
+    if not close:
+        around, node = secant(curve, place), secant(curve, middle)
     values = around.value.floats()
     if around.slope is None:
         return values + values + nothing
-    node = secant(curve, Interval.point(start + width / 2)).value
     slack = 4 * overlap * around.slope.magnitude
-    return float_below(node.lo - slack), float_above(node.hi + slack), *values, *around.slope.floats()
+    return float_below(node.value.lo - slack), float_above(node.value.hi + slack), *values, *around.slope.floats()
 
 
 #: A coupling that turns more often is left to the exact rows.
@@ -235,6 +242,7 @@ def _joined(places: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
 
 # Pieces of (0, rho] looked at before the remaining rows are given back, and the narrowest as a part of rho.
 _MOST_PIECES, _NARROWEST = 600, 2.0**-30
+_SURE: Final = 1e-6  # as a part of its limit, by how much a row fails for certain
 _UNIT: Final = 2.0**-52
 _FLOAT_BITS: Final = 53  # integers up to that long are floats, and so are they over a power of two as long
 _SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a rate is estimated
@@ -348,13 +356,17 @@ def _open(arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: float) -> 
     while waiting:
         s, t, agents = waiting.pop()
         count += 1
-        agents = agents[~_Piece(arcs, face, kinds, agents).proves(s, t, limits[agents])]
+        middle, piece, most = (s + t) / 2, _Piece(arcs, face, kinds, agents), limits[agents]
+        agents = agents[left := ~piece.proves(s, t, most)]
         if not len(agents):
             continue
-        middle = (s + t) / 2
+        # No smaller piece proves what fails at one s.
+        hopeless = (piece.at(middle) > most + np.abs(most) * _SURE)[left]
         if count >= _MOST_PIECES or t - s <= rho * _NARROWEST:
-            failed.append(agents)
-        else:
+            hopeless[:] = True
+        failed.append(agents[hopeless])
+        agents = agents[~hopeless]
+        if len(agents):
             waiting += [(s, middle, agents), (middle, t, agents)]
     return np.unique(np.concatenate(failed)) if failed else np.zeros(0, dtype=np.int64)
 

@@ -13,8 +13,11 @@ the largest e_i+ is that of the face e_i = s v_i, so the rows give N+ <= (1 - T 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from fractions import Fraction
+from functools import cache
+from itertools import repeat
 
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.separable import claim as claims
@@ -24,13 +27,16 @@ from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, exp
+from dobc_design.exact.number import float_above
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 _SLICES = 8
 _SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
-# Arcs from which on slopes are bounded on intervals that end at multiples of this part of rho, so that many share one.
+# How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and beside a claimed one.
+_UNSURE, _NEAR = Fraction(1, 10**12), Fraction(1, 10**9)
+# Arcs from which on slopes are bounded once on every interval between two multiples of this part of rho.
 _MANY_ARCS, _GRID = 100, Fraction(1, 64)
 _ZERO = Fraction(0)
 
@@ -63,8 +69,8 @@ def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:
     """The largest sampling period, about, that is certified by ``claim`` (proved before).  The period is at most
     1/(sum_j w L_ij + k_cc) of every agent, so that sampling cannot overshoot a face. None where the certificate does
     not apply, or the slopes are not bounded."""
-    stiffest = _stiffest(problem, claim)
-    period = _ZERO if isinstance(stiffest, str) or stiffest <= 0 else rounded_down(1 / stiffest)
+    found = _stiffest(problem, claim, enough=lambda x: x > 0 and rounded_down(1 / x) == rounded_down((1 + _UNSURE) / x))
+    period = _ZERO if isinstance(found, str) or found <= 0 else rounded_down(1 / found)
     return SamplingBound(period=period, factor=1 - period * claim.alpha) if period > 0 else None
 
 
@@ -74,7 +80,7 @@ def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) ->
         raise SpecError("a sampling period must be > 0.", key="period")
     if bound.factor >= 1 or bound.factor < 1 - bound.period * claim.alpha:
         return SeparableAnswer(verdict=Verdict.REFUTED, reason="the factor must be < 1 and at least 1 - T alpha.")
-    stiffest = _stiffest(problem, claim)
+    stiffest = _stiffest(problem, claim, enough=lambda x: not 1 < bound.period * x <= 1 + _NEAR)
     if isinstance(stiffest, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=stiffest)
     if bound.period * stiffest > 1:
@@ -84,24 +90,29 @@ def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) ->
     return SeparableAnswer(verdict=Verdict.PROVED, reason=reason)
 
 
-def _stiffest(problem: Problem, claim: Separable) -> Fraction | str:
-    """The largest sum_j w L_ij + k_cc over agents and faces, or why there is none."""
+def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction], bool]) -> Fraction | str:
+    """The largest sum_j w L_ij + k_cc over agents and faces, or why there is none.  From floats, where that number is
+    ``enough``; else exactly, up to the tolerance of the slopes."""
     if not claims.acts_by_component(problem) or (claim.rho is None and not problem.is_linear):
         return "does not apply: the rows of the max-separable certificate say nothing for this coupling."
-    stiffest, gains = _ZERO, [_ZERO] * problem.n
+    gains = [_ZERO] * problem.n
     for agent, k in problem.pinning.gains.items():
         gains[agent] = max(row[c] for c, row in enumerate(k))
     try:
-        profiles = coupling_profiles(problem, claim.v, rho=claim.rho)
-        many = sum(map(len, problem.network.modes.values())) > _MANY_ARCS
-        steepest = _Steepest(profiles, claim.rho, grid=_GRID if many else None)
-        for row, _ in claims.rows(problem, claim.v, gains=gains):
-            for face in FACES:
-                total = sum((term.weight * steepest(term, row.own, face) for term in row.terms), row.gain)
-                stiffest = max(stiffest, total)
+        profiles, rho = coupling_profiles(problem, claim.v, rho=claim.rho), claim.rho or _ZERO
+        grid = _GRID * rho if sum(map(len, problem.network.modes.values())) > _MANY_ARCS else None
+        rows = [(row, face) for row, _ in claims.rows(problem, claim.v, gains=gains) for face in FACES]
+
+        def largest(around: Callable[[Interval], Interval]) -> Fraction:
+            mean = _Steepest(profiles, rho, grid=grid, around=around)
+            return max(row.gain + sum(x.weight * mean(x, row.own, face) for x in row.terms) for row, face in rows)
+
+        with suppress(UndefinedError):
+            if enough(found := largest(Floats.around)):
+                return found
+        return largest(lambda place: place)
     except UndefinedError as error:
         return f"the slopes of the coupling are not bounded there: {error}"
-    return stiffest
 
 
 def sampled_factor(claim: Separable, bound: SamplingBound) -> Fraction:
@@ -119,11 +130,19 @@ class _Steepest:
     part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in s [step, step + 2 x v_i] where h is
     nondecreasing, because e_j = s v_j is then the worst.  The mean over x is bounded slice by slice."""
 
-    def __init__(self, profiles: Sequence[Profile], rho: Fraction | None, *, grid: Fraction | None) -> None:
+    def __init__(
+        self,
+        profiles: Sequence[Profile],
+        rho: Fraction,
+        *,
+        grid: Fraction | None,
+        around: Callable[[Interval], Interval],
+    ) -> None:
         self.profiles = profiles
-        self.rho = rho or _ZERO  # linear couplings have one slope
-        self.grid = None if grid is None or rho is None else grid * rho
-        self.known: dict[tuple[int, Interval], Fraction] = {}
+        self.rho = rho  # 0 for linear couplings, which have one slope
+        self.grid = grid
+        self.around = around  # Floats.around, or nothing done to the interval
+        self.on, self.part = cache(self._on), cache(self._part)
 
     def __call__(self, term: Term, own: Fraction, face: int) -> Fraction:
         ends = (term.step + 2 * Fraction(k + 1, _SLICES) * own for k in range(_SLICES))
@@ -133,11 +152,16 @@ class _Steepest:
         kind = self.profiles[term.coupling]
         start = min(term.step, _ZERO) if kind.is_nondecreasing else -term.reach
         place = Interval(self.rho * start, self.rho * end) * face
-        if self.grid is not None:  # the next multiples outwards, where the coupling is known to be defined so far out
+        if self.grid:  # the next multiples outwards, where the coupling is known to be defined so far out
             low, high = math.floor(place.lo / self.grid), math.ceil(place.hi / self.grid)
-            wider = Interval(low * self.grid, high * self.grid)
-            place = wider if wider.magnitude <= kind.radius else place
-        key = (term.coupling, place)
-        if key not in self.known:
-            self.known[key] = max(slope_bound(kind.curve, Floats.around(place), tolerance=_CLOSE), _ZERO)
-        return self.known[key]
+            if max(-low, high) * self.grid <= kind.radius:
+                parts = range(low, max(high, low + 1))
+                return Fraction(max(map(self.part, repeat(term.coupling), parts)))
+        return self.on(term.coupling, place)
+
+    def _on(self, coupling: int, place: Interval) -> Fraction:
+        curve = self.profiles[coupling].curve
+        return max(slope_bound(curve, self.around(place), tolerance=_CLOSE), _ZERO)
+
+    def _part(self, coupling: int, k: int) -> float:
+        return float_above(self._on(coupling, Interval(Fraction(k), Fraction(k + 1)) * (self.grid or _ZERO)))

@@ -54,6 +54,18 @@ def test_a_covered_region_gets_a_rate():
     assert check.domain["radius"] >= math.sqrt(2) / 2
 
 
+@pytest.mark.slow
+def test_a_region_that_is_covered_gets_a_rate_though_other_boxes_were_counted_before():
+    """One pin k = 5 in a ring of four: |e| <= 2 takes the second shape, at a tenth of the rate near the consensus."""
+    arcs = [[1, 2], [2, 3, 2], [3, 4], [4, 1]]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=4)
+    region = Region(initial_states=((Fraction(-3, 4), Fraction(1)),), initial_disturbance=None)
+    coupling = "exp(1)*(exp(y) - 1)"
+    (check,) = stage(Problem(network=network, coupling=coupling, gains={4: 5}, target=0, region=region))
+    assert check.domain["radius"] >= 2
+    assert 0.08 < check.rate < 0.1
+
+
 @pytest.mark.parametrize(
     ("problem", "everything"),
     [(ring(5, 3, "1"), False), (ring(7, 3, "1"), True), (ring(2, 3, "1", coupling="2*y"), True)],

@@ -160,3 +160,14 @@ def test_the_main_cure_is_that_of_the_theorem_and_parts_of_it_are_not_told_again
     assert other_cures(checks) == [other]
     for none in ([], [check("theorem1")], [check("observability", a=1)]):
         assert main_fix(none) is None
+
+
+def test_a_matrix_with_shorter_entries_lies_below():
+    """Entries of 2000 bits; the difference is decided by its minors, and is no more than rounding makes it."""
+    a, b, c = (Fraction(k * 3**800 + 1, 2**1300) for k in (2, -1, 3))
+    M = SparseSymmetric(2, {(0, 0): a, (0, 1): b, (1, 1): c})
+    below = network._shorter(M)
+    (p, q), (_, r) = (M + below.negated()).to_dense()
+    assert p >= 0 and r >= 0 and p * r >= q * q
+    assert max(p, r) < c / 2**250
+    assert max(x.numerator.bit_length() for x in below.entries.values()) < 300

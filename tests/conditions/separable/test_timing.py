@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from random import Random
 
@@ -140,6 +141,18 @@ def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only(monk
     problem = pair("y/10 + clip(4*(y + 1/2), -2, 0)", k=1)
     claim = Separable(v=fractions(1, 2), alpha=F(1, 100), rho=F(1))
     assert largest_period(problem, claim).period == F("0.243902439")
+
+
+@pytest.mark.parametrize("longer", [False, True])
+def test_a_period_that_holds_with_equality_is_proved_and_none_just_above_it(longer: bool):
+    """h' = 1 + 3 y^2, v = (1, 1), rho = 1/2: the mean slope over eight slices is 281/128, and with k = 231/128 that is
+    4, which floats miss by 1e-15."""
+    problem = listening([[2, 1]], "y + y**3", n=2, gains={1: F(231, 128), 2: F(231, 128)}, target=0)
+    claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1, 2))
+    bound = SamplingBound(period=F(1, 4) + (F(1, 10**12) if longer else 0), factor=F(3, 4))
+    assert verify_sampling(problem, claim, bound).verdict is (Verdict.UNDECIDED if longer else Verdict.PROVED)
+    assert verify_sampling(problem, claim, replace(bound, factor=F(1, 2))).verdict is Verdict.REFUTED
+    assert largest_period(problem, claim).period == F(1, 4)
 
 
 def test_a_matrix_gain_limits_the_period_by_its_diagonal():

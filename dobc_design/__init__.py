@@ -70,7 +70,6 @@ _HOMES = {
     "from_pandapower": "importing.grids",
     "load_problem": "problem.load",
     "load_trajectory": "simulation.trajectory",
-    "plot_regions": "report.write",
     "problem_from_file": "importing.files",
     "search_certificate": "certification.search",
     "simulate": "simulation.runs",

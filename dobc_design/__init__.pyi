@@ -39,7 +39,6 @@ from dobc_design.problem.problem import Pinning as Pinning
 from dobc_design.problem.problem import Problem as Problem
 from dobc_design.problem.settings import Region as Region
 from dobc_design.problem.settings import Switching as Switching
-from dobc_design.report.write import plot_regions as plot_regions
 from dobc_design.report.write import write_comparison as write_comparison
 from dobc_design.report.write import write_report as write_report
 from dobc_design.simulation.breaking import what_breaks_first as what_breaks_first

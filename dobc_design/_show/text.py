@@ -8,10 +8,13 @@ from __future__ import annotations
 import decimal
 import html
 import math
+import re
 from collections.abc import Sequence
 from fractions import Fraction
 
 MAX_SHOWN = 12
+_POWER = re.compile(r"e([+-]\d+)")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Written outside \text{}: inside, converters to MathML take a backslash literally and end at the first brace.
 _SPECIAL = {"\\": r"\backslash", "^": r"\wedge", "~": r"\sim", "<": "<", ">": ">"} | {c: rf"\{c}" for c in "{}$&#%_"}
 
@@ -65,6 +68,21 @@ def _directed(value: float | Fraction | None, digits: int, rounding: str) -> str
         value = Fraction(repr(value))
     shown = context.divide(decimal.Decimal(value.numerator), decimal.Decimal(value.denominator))
     return f"{float(shown):.{digits}g}"
+
+
+def typeset(text: str) -> str:
+    """Write a number given as text with a real minus and a power of ten: -1.5e-08 as −1.5·10⁻⁸."""
+    return _POWER.sub(lambda match: "·10" + str(int(match.group(1))).translate(_RAISED), text).replace("-", "−")
+
+
+def lower(value: float | Fraction | None) -> str:
+    """A certified size or rate, cut towards zero."""
+    return typeset(significant_towards_zero(value))
+
+
+def upper(value: float | None) -> str:
+    """A certified time, rounded up to four digits."""
+    return typeset(significant_away_from_zero(value))
 
 
 def latex_number(value: Fraction) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from dobc_design._show.cards import Card, Shown, cut
 from dobc_design._show.text import latex_text
@@ -79,6 +80,16 @@ class Certificate(Shown):
         ``trajectory.plot(certificate=certificate)`` draws it.  Raises: SpecError for a run of another problem.
         """
         return certified_bound(self.problem, self.claims, run)
+
+    def plot(self, ax: Any = None) -> Any:
+        """The certified regions: how far each method reaches, and from where each agent may start.
+
+        Returns: a Sheet, which shows itself in Jupyter and saves itself, ``save("region.svg")``; with Matplotlib's
+        ``ax`` these axes, with the first picture.
+        """
+        from dobc_design.plotting.regions import plot_regions, region_sheet
+
+        return region_sheet(self.regions) if ax is None else plot_regions(ax, self.regions)
 
     def check(self, id: str, mode: str | None = None) -> Check:
         """The check of that id (and mode).  Raises KeyError if there is none.

@@ -18,6 +18,7 @@ from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import LARGEST, claimed, rounded_down, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
@@ -65,6 +66,18 @@ class RegionClaim:
     time: float | None = None
     covers: bool = False
     limit: str = ""
+
+    @property
+    def starts(self) -> str:
+        """What its starts are called."""
+        words = {"everywhere": "every start", "near": "near the target, no radius", "none": "–"}
+        return words.get(self.kind, self.kind)
+
+    @property
+    def method(self) -> str:
+        """The name of the method for people."""
+        name = KINDS[self.id].short
+        return f"{name}, {self.variant.replace('P_e', 'Pₑ')}" if self.variant else name
 
     def to_json(self) -> dict[str, Any]:
         """JSON object."""

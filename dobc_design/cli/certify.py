@@ -134,7 +134,6 @@ def region(
     from dobc_design.certificate.files import make_folder, write_together
     from dobc_design.problem.load import load_problem
     from dobc_design.report.pictures import search_sheet
-    from dobc_design.report.write import plot_regions
 
     manner = output.manner_of(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
@@ -149,7 +148,7 @@ def region(
             document["searches"] = [each.to_json() for each in searches]
         progress("drawing")
         files = {folder / "region.json": output.json_bytes(document)}
-        for name, picture in (("region", plot_regions(certificate)), ("search", search_sheet(searches))):
+        for name, picture in (("region", certificate.plot()), ("search", search_sheet(searches))):
             if picture is not None:
                 files |= {folder / f"{name}.{kind}": picture.file(kind) for kind in ("svg", "png")}
         make_folder(folder)
@@ -287,7 +286,7 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
     yield Text(f"{told.asked_sentence(regions)}\n")
     yield _regions_table(regions, wide=wide)
     for claim in () if wide else regions.claims:  # the last column stands below the table
-        yield Text(f"\n{told.method_name(claim)}", style="bold")
+        yield Text(f"\n{claim.method}", style="bold")
         yield Padding(Text(told.limit_words(claim)), (0, 0, 0, 2))
     sentences = [*filter(None, [told.rest_sentence(regions)]), *told.timing_sentences(regions)]
     yield from (Text(f"\n{sentence}") for sentence in sentences)
@@ -298,6 +297,7 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
 def _regions_table(regions: Regions, *, wide: bool) -> RenderableType:
     from rich.text import Text
 
+    from dobc_design._show.text import lower
     from dobc_design.report import region_words as told
 
     sizes = ["|e|∞ ≤", "|e|₂ ≤"] if wide else ["|e|∞ ≤"]
@@ -307,10 +307,10 @@ def _regions_table(regions: Regions, *, wide: bool) -> RenderableType:
         table.add_column("why not further", overflow="fold")
     for claim, bar in zip(regions.claims, _bars(regions), strict=True):
         size = "local" if claim.kind == "near" else told.size_words(claim, claim.box)
-        more = [told.lower(claim.rate), told.time_words(claim), told.covers_words(claim, regions)]
+        more = [lower(claim.rate), told.time_words(claim), told.covers_words(claim, regions)]
         cells = [size, *([told.size_words(claim, claim.ball)] if wide else []), *more]
         last = [Text(bar, style="blue"), Text(told.limit_words(claim))] if wide else []
-        table.add_row(Text(told.method_name(claim)), output.verdict_text(claim.verdict.value), *map(Text, cells), *last)
+        table.add_row(Text(claim.method), output.verdict_text(claim.verdict.value), *map(Text, cells), *last)
     return table
 
 

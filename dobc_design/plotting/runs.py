@@ -66,22 +66,34 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
 def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
     """Quantile bands of |e|_inf and of |d - dhat|_inf over all runs; a run that diverged counts as infinite.
     ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into |e|_inf."""
-    points = checked_envelope(envelope, runs.times)
     has_estimate = bool(np.nan_to_num(runs.estimation_error).any())
 
     def draw(figure: Figure) -> None:
         rows = np.atleast_1d(figure.subplots(1 + has_estimate, 1, sharex=True))
-        plot_quantiles(rows[0], runs.times, runs.error, colour=BLUE, what="|e|∞, in the unit of x")
-        if points is not None:
-            _draw_bound(rows[0], points[:, 0], look.resolved(points[:, 1]))
-        bad = int(np.count_nonzero(runs.diverged))
-        rows[0].set_title(f"{len(runs)} runs" + (f", {bad} diverged" if bad else ""))
-        look.legend_above(rows[0], right=True, widest=4)
+        plot_bands(rows[0], runs, envelope)
         if has_estimate:
             plot_quantiles(rows[1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s")
         in_time(rows[-1], runs.times)
 
     return Sheet(draw, width=WIDTH, height=0.7 + 2.3 * (1 + has_estimate))
+
+
+def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
+    """The first panel of an ensemble: |e|_inf over time."""
+    points = checked_envelope(envelope, runs.times)
+    plot_quantiles(ax, runs.times, runs.error, colour=BLUE, what="|e|∞, in the unit of x")
+    if points is not None:
+        _draw_bound(ax, points[:, 0], look.resolved(points[:, 1]))
+    bad = int(np.count_nonzero(runs.diverged))
+    ax.set_title(f"{len(runs)} runs" + (f", {bad} diverged" if bad else ""))
+    return in_time(look.legend_above(ax, right=True, widest=4), runs.times)
+
+
+def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
+    """|e|_inf of one run over time."""
+    errors = {"|e|∞": _largest(run.x - run.goal)}
+    points = checked_envelope(envelope, run.times)
+    return in_time(plot_errors(ax, run.times, errors, envelope=points), run.times)
 
 
 def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = ()) -> Axes:

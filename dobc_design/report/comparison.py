@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from dobc_design._show.text import lower
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.problem.canonical import canonical_document
@@ -16,7 +17,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
 from dobc_design.report import words
 from dobc_design.report.pictures import network_pictures
-from dobc_design.report.region_words import lower, method_name, starts_words
+from dobc_design.report.region_words import starts_words
 from dobc_design.verdict import Verdict
 
 SIDES, ABSENT = ("A", "B"), "–"
@@ -168,7 +169,7 @@ def _compared(pair: Sequence[Check | None]) -> tuple[doc.Cell, ...]:
 def _starts(first: Certificate, second: Certificate) -> Iterator[doc.Section]:
     """The certified starts of every method that says something about starts."""
     a, b = (
-        {method_name(claim): starts_words(claim) for claim in each.regions.claims} if each.regions.tried else {}
+        {claim.method: starts_words(claim) for claim in each.regions.claims} if each.regions.tried else {}
         for each in (first, second)
     )
     rows = [(name, a.get(name, ABSENT), b.get(name, ABSENT)) for name in {**a, **b}]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from dobc_design._show.text import latex_matrix, latex_number
+from dobc_design._show.text import latex_matrix, latex_number, lower
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
@@ -15,7 +15,7 @@ from dobc_design.problem.meaning import remarks
 from dobc_design.problem.problem import Problem
 from dobc_design.report import checks, pictures, words
 from dobc_design.report import document as doc
-from dobc_design.report.region_words import lower, region_section, search_sections, settling_section
+from dobc_design.report.region_words import region_section, search_sections, settling_section
 from dobc_design.report.words import number
 from dobc_design.verdict import Verdict
 

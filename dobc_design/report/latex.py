@@ -13,8 +13,9 @@ from importlib.resources import files
 from itertools import chain, zip_longest
 from typing import Final
 
+from dobc_design._show.text import typeset
 from dobc_design.report import document as doc
-from dobc_design.report.words import capitalize_first, typeset
+from dobc_design.report.words import capitalize_first
 
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
 PACKAGES: Final = ("amsmath", "amssymb", "array", "booktabs", "graphicx", "longtable")

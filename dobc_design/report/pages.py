@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from dobc_design._show.text import Fragment, mathml
+from dobc_design._show.text import Fragment, mathml, typeset
 from dobc_design.report import document as doc
 from dobc_design.report.pictures import svg_of
-from dobc_design.report.words import capitalize_first, typeset
+from dobc_design.report.words import capitalize_first
 
 _MATRIX = re.compile(r"<mo>&#x00028;</mo><mtable>(.*?)</mtable><mo>&#x00029;</mo>", re.DOTALL)
 _SPECIAL = re.compile(r"[\\`*_\[\]|<>~$&#]")

@@ -8,27 +8,26 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dobc_design._show.text import Fragment
+from dobc_design._show.text import Fragment, lower
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.plotting import look, runs
 from dobc_design.plotting.look import Sheet
+from dobc_design.plotting.regions import drawn_agents, height_of, plot_regions, plot_starts, side_by_side
 from dobc_design.problem.problem import Problem
 from dobc_design.report import figures, region_words
 from dobc_design.report.document import Picture
-from dobc_design.report.region_words import lower
 from dobc_design.report.words import bounds_of, names_in_words, number, unreached_agents
 
 if TYPE_CHECKING:
@@ -39,7 +38,6 @@ Values = NDArray[Any]
 
 MOST_MODES = 6
 MOST_AGENTS, MOST_ARCS = 300, 1500  # of a network that is drawn; beyond, it would be a grey ball
-ALONE: Final = 5.2  # inches, of one drawing in a file
 _NAMES = ("ink", "muted", "grid", "paper", "blue", "vermillion", "green", "purple")
 VARIABLES = {(colour := getattr(look, name.upper())): f"var(--figure-{name}, {colour})" for name in _NAMES}
 _FONT = re.compile(r"font-family:[^;]*")
@@ -225,47 +223,27 @@ def region_pictures(regions: Regions) -> Iterator[Picture]:
         title="How far each proof reaches",
         caption=" ".join(filter(None, bars)),
         alt="Certified distance from the goals. " + " ".join(f"{_told(claim)}." for claim in claims),
-        draw=lambda ax: figures.plot_regions(ax, regions),
-        height=_height(regions),
+        draw=lambda ax: plot_regions(ax, regions),
+        height=height_of(regions),
     )
     if regions.agents:
-        drawn = len(figures.drawn_agents(regions))
+        drawn = len(drawn_agents(regions))
         sentence = region_words.agents_sentence(regions, drawn=drawn if drawn < len(regions.agents) else None)
         yield Picture(
             name="region-agents",
             title="From where each agent may start",
             caption=sentence + (" Dashed: the starts asked for." if asked else ""),
             alt=sentence,
-            draw=lambda ax: figures.plot_starts(ax, regions),
-            height=_height(regions),
+            draw=lambda ax: plot_starts(ax, regions),
+            height=height_of(regions),
         )
 
 
 def _told(claim: RegionClaim) -> str:
-    name = region_words.method_name(claim)
+    name = claim.method
     if claim.kind in ("box", "ball"):
         return f"{name}: {lower(claim.box)} for all agents at once, {lower(claim.ball)} for one alone"
     return f"{name}: " + {"everywhere": "every start", "near": "no radius"}.get(claim.kind, "nothing proved")
-
-
-def _height(regions: Regions) -> float:
-    """Inches; every method has its row."""
-    return max(2.9, 1.1 + 0.42 * len(regions.claims))
-
-
-def region_sheet(regions: Regions) -> Sheet:
-    """Both pictures side by side, to be shown in a notebook or saved."""
-    plots = [figures.plot_regions, figures.plot_starts] if regions.agents else [figures.plot_regions]
-    return _side_by_side(regions.name, [partial(plot, regions=regions) for plot in plots], _height(regions) + 0.3)
-
-
-def _side_by_side(name: str, drawn: Sequence[Callable[[Axes], object]], height: float) -> Sheet:
-    def draw(figure: Figure) -> None:
-        figure.suptitle(name, x=0.01, ha="left", fontsize=10, parse_math=False)
-        for space, each in zip(figure.subplots(1, len(drawn), squeeze=False)[0], drawn, strict=True):
-            each(space)
-
-    return Sheet(draw, width=ALONE * len(drawn), height=height)
 
 
 def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
@@ -298,7 +276,7 @@ def search_sheet(searches: Sequence[Falsification]) -> Sheet | None:
     """The searches that found anything side by side, to be shown or saved; None where nothing was found."""
     found = [search for search in searches if search.suspects]
     draw = [partial(figures.plot_search, search=search) for search in found]
-    return _side_by_side(found[0].name, draw, 3.3) if found else None
+    return side_by_side(found[0].name, draw, 3.3) if found else None
 
 
 def svg_of(picture: Picture) -> Fragment:

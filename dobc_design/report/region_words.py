@@ -11,10 +11,9 @@ from fractions import Fraction
 from itertools import zip_longest
 from typing import Final
 
-from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
+from dobc_design._show.text import lower, upper
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.conditions.schedule.checks import StageTiming
 from dobc_design.conditions.schedule.decide import Settling, stage_rate
@@ -22,11 +21,10 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
-from dobc_design.report.words import capitalize_first, mark_of, names_in_words, number, typeset
+from dobc_design.report.words import capitalize_first, mark_of, names_in_words, number
 from dobc_design.verdict import Verdict
 
 NONE: Final = "–"
-STARTS = {"everywhere": "every start", "box": "box", "ball": "ball", "near": "near the target, no radius", "none": NONE}
 MOST_SUSPECTS: Final = 8
 MOST_STATES: Final = 6  # agents whose states a sentence tells
 _SEVERAL: Final = 3  # modes that are named
@@ -36,16 +34,6 @@ WARNING: Final = (
     " wrong. It says where a proof will be hard to find."
 )
 _WHAT: Final = {STAYS_AWAY: "does not converge", LEAVES: "leaves the certified set", RESTS: "rests there (proved)"}
-
-
-def lower(value: float | Fraction | None) -> str:
-    """A certified size or rate, cut towards zero."""
-    return typeset(significant_towards_zero(value))
-
-
-def upper(value: float | None) -> str:
-    """A certified time, rounded up to four digits."""
-    return typeset(significant_away_from_zero(value))
 
 
 def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Picture]) -> Iterator[doc.Section]:
@@ -79,9 +67,9 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
     return doc.table_of(
         "Certified regions, method by method",
         regions.claims,
-        doc.Column("method", lambda claim: doc.Name((method_name(claim),), id=claim.id), 1.1),
+        doc.Column("method", lambda claim: doc.Name((claim.method,), id=claim.id), 1.1),
         doc.Column("verdict", lambda claim: mark_of(claim.verdict), 0),
-        doc.Column("certified", lambda claim: STARTS[claim.kind], only=markdown),
+        doc.Column("certified", lambda claim: claim.starts, only=markdown),
         doc.Column("|e|∞ ≤", lambda claim: size_words(claim, claim.box), only=markdown),
         doc.Column("|e|₂ ≤", lambda claim: size_words(claim, claim.ball), only=markdown),
         doc.Column("|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()),
@@ -94,12 +82,6 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
     )
 
 
-def method_name(claim: RegionClaim) -> str:
-    """The name of a method for people."""
-    name = KINDS[claim.id].short
-    return f"{name}, {claim.variant.replace('P_e', 'Pₑ')}" if claim.variant else name
-
-
 def starts_words(claim: RegionClaim) -> str:
     """The certified starts in a few words."""
     errors = f", every |εᵢ| ≤ {lower(claim.disturbance)}" if claim.disturbance else ""
@@ -107,7 +89,7 @@ def starts_words(claim: RegionClaim) -> str:
         return f"box |e|∞ ≤ {lower(claim.box)}{errors}"
     if claim.kind == "ball":
         return f"ball |e|₂ ≤ {lower(claim.ball)}{errors}; it holds the box |e|∞ ≤ {lower(claim.box)}"
-    return STARTS[claim.kind]
+    return claim.starts
 
 
 def size_words(claim: RegionClaim, value: float | None) -> str:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Final
 
-from dobc_design._show.text import significant, significant_towards_zero
+from dobc_design._show.text import significant, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
 from dobc_design.conditions.kinds import ids_of
@@ -43,8 +42,6 @@ BY_GROUP: Final = (
     " and I ⊗ S stand for matrices with the C, Ω₀ and S of each agent's group along the diagonal. The matrices below"
     " hold all groups along their diagonal, in this order."
 )
-_POWER = re.compile(r"e([+-]\d+)")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _IDEAL = "messages without delay, noise or quantisation"
 _TIMED = "messages without noise or quantisation; late messages and sampling as far as their checks say"
 
@@ -67,11 +64,6 @@ def covering_domain(certificate: Certificate) -> Domain | None:
     """The domain of the proof that carries the verdict."""
     proved = (each for each in certificate.checks if each.verdict is Verdict.PROVED)
     return next((each.domain for each in proved if each.id == certificate.covered_by), None)
-
-
-def typeset(text: str) -> str:
-    """Write a number given as text with a real minus and a power of ten: -1.5e-08 as −1.5·10⁻⁸."""
-    return _POWER.sub(lambda match: "·10" + str(int(match.group(1))).translate(_RAISED), text).replace("-", "−")
 
 
 def number(value: float | None) -> str:

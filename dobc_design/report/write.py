@@ -19,7 +19,6 @@ from dobc_design.problem.problem import Problem
 
 if TYPE_CHECKING:
     from dobc_design.falsification.suspect import Falsification
-    from dobc_design.plotting.look import Sheet
 
 Progress = Callable[[str], None]
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
@@ -147,13 +146,3 @@ def _shown_lambdas(problem: Problem) -> dict[str, Matrix]:
     if problem.n * problem.m > SHOWN:
         return {}
     return {mode: pencil.constant.to_dense() for mode, pencil in state_theorems(problem).lambdas.items()}
-
-
-def plot_regions(certificate: Certificate) -> Sheet:
-    """The certified regions as a figure: how far each method reaches, and from where each agent may start.
-
-    Returns: a Sheet, which shows itself in Jupyter; ``save("region.svg")`` writes it, also as .png or .pdf.
-    """
-    from dobc_design.report.pictures import region_sheet
-
-    return region_sheet(certificate.regions)

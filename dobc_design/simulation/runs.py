@@ -42,7 +42,6 @@ from dobc_design.simulation.switches import Modes, Nearby, Planned
 from dobc_design.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from dobc_design.plotting.look import Sheet
     from dobc_design.plotting.runs import Envelope
 
 Source = Problem | str | PathLike[str]
@@ -111,11 +110,12 @@ class Ensemble(measures.Simulated):
         """The numbers of ``dobc simulate --json``, without its files."""
         return measures.summary(self.times, self.error, self.diverged)
 
-    def plot(self, *, certificate: Certificate | None = None, envelope: Envelope | None = None) -> Sheet:
-        """Quantile bands of the errors over all runs.  ``certificate``, ``envelope``: as in ``Trajectory.plot``."""
-        from dobc_design.plotting.runs import ensemble_sheet
+    def plot(self, *, certificate: Certificate | None = None, envelope: Envelope | None = None, ax: Any = None) -> Any:
+        """Quantile bands of the errors over all runs.  The arguments are those of ``Trajectory.plot``."""
+        from dobc_design.plotting.runs import ensemble_sheet, plot_bands
 
-        return ensemble_sheet(self, envelope=measures.bound_of(self, certificate, envelope))
+        bound = measures.bound_of(self, certificate, envelope)
+        return ensemble_sheet(self, envelope=bound) if ax is None else plot_bands(ax, self, bound)
 
     def intervals(self, confidence: float = 0.95) -> dict[str, tuple[float, float] | None]:
         """Confidence intervals for a random run: median final error, probability of divergence.

@@ -30,7 +30,6 @@ from dobc_design.simulation.switches import Switches, one_mode
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dobc_design.plotting.look import Sheet
     from dobc_design.plotting.runs import Envelope
 
 FORMAT, VERSION = "dobc-trajectory", 1
@@ -151,17 +150,24 @@ class Trajectory(Simulated):
         return summary(self.times, self.error()[None], np.array([self.diverged]))
 
     def plot(
-        self, *, certificate: Certificate | None = None, envelope: Envelope | None = None, pinned: Sequence[int] = ()
-    ) -> Sheet:
+        self,
+        *,
+        certificate: Certificate | None = None,
+        envelope: Envelope | None = None,
+        pinned: Sequence[int] = (),
+        ax: Any = None,
+    ) -> Any:
         """States, disturbance and estimate, errors on a logarithmic axis, and the active mode, as one figure.
 
         ``certificate``: what it proves about |e|_inf from this start is drawn into the errors.  ``envelope``: other
         bounds of |e|_inf, as points (t, bound), (k, 2), or as a function of times, such as
-        ``certify_settling(problem).envelope``.  ``pinned``: indices to be drawn in blue.
+        ``certify_settling(problem).envelope``.  ``pinned``: indices to be drawn in blue.  Returns: a Sheet; with
+        Matplotlib's ``ax`` these axes, with the errors.
         """
-        from dobc_design.plotting.runs import trajectory_sheet
+        from dobc_design.plotting.runs import plot_error, trajectory_sheet
 
-        return trajectory_sheet(self, envelope=bound_of(self, certificate, envelope), pinned=pinned)
+        bound = bound_of(self, certificate, envelope)
+        return trajectory_sheet(self, envelope=bound, pinned=pinned) if ax is None else plot_error(ax, self, bound)
 
     def animate(
         self,

@@ -22,32 +22,22 @@ _HOMES = {
     "Analysis": "analysis.analysis",
     "Certificate": "certificate.certificate",
     "Check": "conditions.check",
-    "Cone": "synthesis.observer.claim",
     "Coupling": "coupling.coupling",
     "Design": "synthesis.joint.claim",
     "Designer": "designer.widget",
-    "Disk": "synthesis.observer.claim",
     "Ensemble": "simulation.runs",
     "Exosystem": "problem.exosystems",
     "Failure": "simulation.setting",
     "Falsification": "falsification.suspect",
-    "Fixed": "simulation.signals",
     "Group": "problem.groups",
-    "HalfPlane": "synthesis.observer.claim",
-    "Markov": "simulation.signals",
-    "Mobile": "simulation.signals",
     "Model": "model.model",
     "Network": "problem.network",
-    "NoiseLimit": "synthesis.observer.claim",
     "Observer": "problem.groups",
     "ObserverDesign": "synthesis.observer.claim",
-    "Periodic": "simulation.signals",
     "Pinning": "problem.problem",
     "PinningDesign": "synthesis.pinning.claim",
     "Problem": "problem.problem",
-    "RandomDwell": "simulation.signals",
     "Region": "problem.settings",
-    "Schedule": "simulation.signals",
     "Settling": "conditions.schedule.decide",
     "Stress": "simulation.setting",
     "Suspect": "falsification.suspect",
@@ -56,9 +46,8 @@ _HOMES = {
     "TradeOff": "synthesis.joint.claim",
     "Trajectory": "simulation.trajectory",
     "Verdict": "verdict",
-    "Waypoints": "simulation.signals",
-    "analyse": "export.interchange",
-    "build_model": "export.interchange",
+    "analyse": "export",
+    "build_model": "export",
     "certify": "certification.certify",
     "certify_settling": "certification.certify",
     "design": "synthesis.designs",
@@ -66,23 +55,17 @@ _HOMES = {
     "design_pinning": "synthesis.designs",
     "exact": "exact",
     "exosystems": "problem.exosystems",
+    "export": "export",
     "falsify": "falsification.search",
     "from_pandapower": "importing.grids",
     "load_problem": "problem.load",
     "load_trajectory": "simulation.trajectory",
+    "poles": "synthesis.observer.claim",
     "problem_from_file": "importing.files",
     "search_certificate": "certification.search",
+    "signals": "simulation.signals",
     "simulate": "simulation.runs",
     "sweep": "sweeps.running",
-    "to_c": "export.interchange",
-    "to_casadi": "export.interchange",
-    "to_control": "export.interchange",
-    "to_fmu": "export.interchange",
-    "to_latex": "export.interchange",
-    "to_mat": "export.interchange",
-    "to_numpy": "export.interchange",
-    "to_sdpa": "export.interchange",
-    "to_sympy": "export.interchange",
     "trade_off": "synthesis.designs",
     "verify": "certification.certify",
     "what_breaks_first": "simulation.breaking",
@@ -90,15 +73,34 @@ _HOMES = {
     "write_report": "report.write",
 }
 
-__all__ = sorted({"__version__", *_HOMES} - {"Designer"})  # noqa: PLE0605 - the widget needs an extra
+#: Types that functions return (the widget needs an extra): here for annotations, and no part of ``__all__``.
+_TYPES = (
+    "Analysis Designer Falsification Model ObserverDesign Pinning PinningDesign Settling Suspect SweepResult TradeOff"
+)
+__all__ = sorted({"__version__", *_HOMES} - set(_TYPES.split()))  # noqa: PLE0605
+
+#: Old names and where they are now.
+_MOVED = {
+    **dict.fromkeys(("Fixed", "Markov", "Mobile", "Periodic", "RandomDwell", "Schedule", "Waypoints"), "signals"),
+    **dict.fromkeys(("Cone", "Disk", "HalfPlane", "NoiseLimit"), "poles"),
+    **dict.fromkeys(("to_c", "to_casadi", "to_control", "to_fmu", "to_latex"), "export"),
+    **dict.fromkeys(("to_mat", "to_numpy", "to_sdpa", "to_sympy"), "export"),
+    "plot_regions": "Certificate",
+}
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MOVED:
+        from warnings import warn
+
+        new = name.removesuffix("_regions")
+        warn(f"dobc_design.{name} is now dobc_design.{_MOVED[name]}.{new}", DeprecationWarning, stacklevel=2)
+        return getattr(__getattr__(_MOVED[name]), new)
     home = _HOMES.get(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f"{__name__}.{home}")
-    value = getattr(module, name, module)  # "exact" and "exosystems" are modules
+    value = getattr(module, name, module)  # "exact", "export", "poles" and the like are modules
     globals()[name] = value
     return value
 

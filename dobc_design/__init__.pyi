@@ -3,6 +3,7 @@
 from typing import Any
 
 from dobc_design import exact as exact
+from dobc_design import export as export
 from dobc_design.analysis.analysis import Analysis as Analysis
 from dobc_design.certificate.certificate import Certificate as Certificate
 from dobc_design.certification.certify import certify as certify
@@ -12,17 +13,8 @@ from dobc_design.certification.search import search_certificate as search_certif
 from dobc_design.conditions.check import Check as Check
 from dobc_design.conditions.schedule.decide import Settling as Settling
 from dobc_design.coupling.coupling import Coupling as Coupling
-from dobc_design.export.interchange import analyse as analyse
-from dobc_design.export.interchange import build_model as build_model
-from dobc_design.export.interchange import to_c as to_c
-from dobc_design.export.interchange import to_casadi as to_casadi
-from dobc_design.export.interchange import to_control as to_control
-from dobc_design.export.interchange import to_fmu as to_fmu
-from dobc_design.export.interchange import to_latex as to_latex
-from dobc_design.export.interchange import to_mat as to_mat
-from dobc_design.export.interchange import to_numpy as to_numpy
-from dobc_design.export.interchange import to_sdpa as to_sdpa
-from dobc_design.export.interchange import to_sympy as to_sympy
+from dobc_design.export import analyse as analyse
+from dobc_design.export import build_model as build_model
 from dobc_design.falsification.search import falsify as falsify
 from dobc_design.falsification.suspect import Falsification as Falsification
 from dobc_design.falsification.suspect import Suspect as Suspect
@@ -41,18 +33,12 @@ from dobc_design.problem.settings import Region as Region
 from dobc_design.problem.settings import Switching as Switching
 from dobc_design.report.write import write_comparison as write_comparison
 from dobc_design.report.write import write_report as write_report
+from dobc_design.simulation import signals as signals
 from dobc_design.simulation.breaking import what_breaks_first as what_breaks_first
 from dobc_design.simulation.runs import Ensemble as Ensemble
 from dobc_design.simulation.runs import simulate as simulate
 from dobc_design.simulation.setting import Failure as Failure
 from dobc_design.simulation.setting import Stress as Stress
-from dobc_design.simulation.signals import Fixed as Fixed
-from dobc_design.simulation.signals import Markov as Markov
-from dobc_design.simulation.signals import Mobile as Mobile
-from dobc_design.simulation.signals import Periodic as Periodic
-from dobc_design.simulation.signals import RandomDwell as RandomDwell
-from dobc_design.simulation.signals import Schedule as Schedule
-from dobc_design.simulation.signals import Waypoints as Waypoints
 from dobc_design.simulation.trajectory import Trajectory as Trajectory
 from dobc_design.simulation.trajectory import load_trajectory as load_trajectory
 from dobc_design.sweeps.result import SweepResult as SweepResult
@@ -63,10 +49,6 @@ from dobc_design.synthesis.designs import design_pinning as design_pinning
 from dobc_design.synthesis.designs import trade_off as trade_off
 from dobc_design.synthesis.joint.claim import Design as Design
 from dobc_design.synthesis.joint.claim import TradeOff as TradeOff
-from dobc_design.synthesis.observer.claim import Cone as Cone
-from dobc_design.synthesis.observer.claim import Disk as Disk
-from dobc_design.synthesis.observer.claim import HalfPlane as HalfPlane
-from dobc_design.synthesis.observer.claim import NoiseLimit as NoiseLimit
 from dobc_design.synthesis.observer.claim import ObserverDesign as ObserverDesign
 from dobc_design.synthesis.pinning.claim import PinningDesign as PinningDesign
 from dobc_design.verdict import Verdict as Verdict

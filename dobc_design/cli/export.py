@@ -97,8 +97,8 @@ def _check_options(asked: _Asked, target: str) -> None:
 
 
 def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
+    from dobc_design.export import to_c
     from dobc_design.export.c_folder import COMPILE, check_free
-    from dobc_design.export.interchange import to_c
     from dobc_design.problem.load import load_problem
 
     check_free(folder, force=asked.force)
@@ -123,7 +123,7 @@ def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
 
 
 def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
-    from dobc_design.export.interchange import to_fmu
+    from dobc_design.export import to_fmu
     from dobc_design.problem.load import load_problem
 
     problem = load_problem(file)
@@ -136,7 +136,7 @@ def _fmu(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
 
 
 def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
-    from dobc_design.export.interchange import to_sdpa
+    from dobc_design.export import to_sdpa
     from dobc_design.problem.load import load_problem
 
     problem = load_problem(file)
@@ -146,7 +146,7 @@ def _sdpa(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
 
 
 def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
-    from dobc_design.export.interchange import python_script
+    from dobc_design.export import python_script
 
     output.write_file(target, python_script(file).encode("utf-8"), key="--python-control")
     return {"python_control": str(target)}, f"wrote {target}"

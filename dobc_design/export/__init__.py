@@ -1,1 +1,324 @@
-"""What a certificate or a problem becomes outside this package: today a proof that Coq checks."""
+"""In from other programs, out to other programs and to targets: one function for each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.files import write_atomically
+from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.functions import FUNCTIONS
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.export.c_text import template
+from dobc_design.problem import arrays
+from dobc_design.problem.canonical import problem_sha256
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+if TYPE_CHECKING:
+    from dobc_design.analysis.analysis import Analysis
+    from dobc_design.export.c_folder import CCode
+    from dobc_design.export.fmu import Fmu
+    from dobc_design.export.python_control import ConsensusLoop
+    from dobc_design.model.model import Model
+
+MOST_ARCS = 20_000  # of all modes in a Python file: a few MB
+
+Source = Problem | str | PathLike[str]
+
+
+def to_c(
+    problem: Source,
+    *,
+    period: Any,
+    precision: str = "double",
+    agents: Sequence[Any] | str | int | None = None,
+    certificate: Certificate | Claims | None = None,
+    sampled_gain: Any = None,
+) -> CCode:
+    """C99 of the sampled observer and controller, with a self-test; ``save(folder)`` writes it.
+
+    ``period`` in s; ``precision`` "double" or "float"; ``agents``: labels, or one; default all (at most 200), of one
+    group where they have different exosystems; ``certificate``: its check ``sampling`` is compared with the period;
+    ``sampled_gain`` (q, m) in place of the discretised W, as ``design_observer(period=...)`` gives it.  A missing W is
+    designed first, as ``certify`` does.
+    Returns: a CCode.  Raises: SpecError for a certificate of another problem, and for a period at which the sampled
+    loop diverges; it then names one that works.
+    Example:
+        >>> code = dd.export.to_c("clock-sync", period="1/4", agents=["gateway"])
+        >>> "dobc_agent.c" in code.files, code.tolerance < 1e-9
+        (True, True)
+    """
+    from dobc_design.export.c_controller import certified_sampling, make_controller
+    from dobc_design.export.c_folder import Recorder, c_code
+    from dobc_design.simulation.signals import signal_of
+
+    problem = _loaded(problem)
+    claims = certificate.claims if isinstance(certificate, Certificate) else certificate
+    if claims is not None and claims.problem_sha256 != problem_sha256(problem):
+        message = "certificate must be one of this problem; it is about another one."
+        raise SpecError(message, key="certificate", cure="Certify this problem.")
+    gains = {"gain": observer_gain(problem) if claims is None else claims.W, "sampled_gain": sampled_gain}
+    recorder = Recorder(**gains, signal=signal_of(problem)[0])
+    given: dict[str, Any] = {
+        "agents": [agents] if isinstance(agents, (str, int)) else agents,
+        "objection": recorder.objection,
+    }
+    controller = make_controller(problem, period=period, precision=precision, **gains, **given)
+    certified = None if claims is None else certified_sampling(problem, claims, controller.period)
+    return c_code(controller, recorder.recorded(controller), certified=certified)
+
+
+def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any = None) -> Fmu:
+    """One agent's sampled controller as an FMU (FMI 3.0, co-simulation); ``save(path)`` writes it.
+
+    ``agent``: its label; default the first pinned one; ``period`` and ``sampled_gain`` as in ``to_c``.  Inputs: mode,
+    x, heard[LABEL]; outputs: u, v, dhat and the packet y.
+    Returns: an Fmu.  Raises: as ``to_c``; SolverError if the C compiler refuses.
+    """
+    from dobc_design.export.c_controller import make_controller
+    from dobc_design.export.c_folder import Recorder
+    from dobc_design.export.fmu import make_fmu
+    from dobc_design.simulation.signals import signal_of
+
+    problem = _loaded(problem)
+    label = None if agent is None else str(agent)
+    if agent is None:
+        pinned = problem.pinning.agents
+        label = problem.network.labels[pinned[0] if pinned else 0]
+    gains = {"gain": observer_gain(problem), "sampled_gain": sampled_gain}
+    recorder = Recorder(**gains, signal=signal_of(problem)[0])
+    return make_fmu(make_controller(problem, period=period, agents=[label], objection=recorder.objection, **gains))
+
+
+def to_sdpa(problem: Source) -> str:
+    """The matrix inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format, with P, Q and t as unknowns.
+
+    t* < 0 if and only if the theorem holds, for bounds taken from a proved pair.
+    Returns: the text.  Raises: SpecError.
+    Example:
+        >>> lines = [line for line in dd.export.to_sdpa("clock-sync").splitlines() if not line.startswith('"')]
+        >>> lines[0], lines[2]  # three unknowns: P, Q and t; Psi has ten rows for e and ten for eps
+        ('3', '20 1 1 2')
+    """
+    from dobc_design.certification.certify import decide
+    from dobc_design.export.matrices import sdpa_text
+
+    problem = _loaded(problem)
+    problem.require_one_exosystem()
+    found = decide(problem, lambda stage: None)
+    wanted = ("theorem1", "theorem2") if problem.exosystem is not None else ("lemma1",)
+    verdicts = [check.verdict for check in found.checks if check.id in wanted]
+    pair = None if found.pair is None else (found.pair.P, found.pair.Q)
+    return sdpa_text(problem, pair=pair, verdict=Verdict.all_of(verdicts) if verdicts else None)
+
+
+def to_mat(problem: Source, path: str | PathLike[str]) -> Path:
+    """Write A, C, L, W, P, k, xbar, offsets, h, labels, modes to a MATLAB file; ``problem_from_file`` reads it.
+
+    Numbers become doubles.  Returns: the path.  Raises: SpecError for couplings of single arcs.
+    """
+    from dobc_design.export.matrices import mat_bytes
+
+    write_atomically(Path(path), mat_bytes(_loaded(problem)))
+    return Path(path)
+
+
+def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | None = None) -> Any:
+    """One of the problem's casadi.Function objects: h, jacobian, observer, controller, closed_loop, error_dynamics.
+
+    ``function``: which of them; ``mode`` defaults to the first.  A missing W is designed first.
+    Returns: a casadi.Function with named inputs and outputs.  Raises: SpecError.
+    Example:
+        >>> dd.export.to_casadi("paper-fixed", "observer").name_out()
+        ['z_dot', 'xihat', 'dhat']
+    """
+    from dobc_design.model.model import build_model
+
+    problem = _loaded(problem)
+    found = {each.name(): each for each in build_model(problem, mode, gain=observer_gain(problem)).functions}
+    if function not in found:
+        raise SpecError(f"function must be one of {', '.join(found)}; got {function[:60]!r}.", key="function")
+    return found[function]
+
+
+def to_numpy(source: Source | Certificate) -> dict[str, Any]:
+    """The matrices of a problem, or of a certificate with its W, P and Q, as float64 arrays by name.
+
+    Returns: A, C, W, P, Q, K, xbar, L and Lambda; with several modes L_MODE and Lambda_MODE.
+    Raises: SpecError above 500 rows.
+    Example:
+        >>> dd.export.to_numpy("paper-fixed")["W"].tolist()
+        [[3.2], [2.4]]
+    """
+    return {name: to_float(each) for name, each in _matrices(source)[0].items()}
+
+
+def to_sympy(source: Source | Certificate) -> dict[str, Any]:
+    """The matrices of ``to_numpy`` as SymPy matrices of exact rationals, and the coupling "h".
+
+    Returns: matrices by name.  Raises: SpecError above 500 rows.
+    Example:
+        >>> matrices = dd.export.to_sympy("paper-fixed")
+        >>> matrices["W"].T, matrices["h"]
+        (Matrix([[16/5, 12/5]]), Matrix([[y + exp(y) - 1]]))
+    """
+    from dobc_design.export.matrices import sympy_matrices
+
+    return sympy_matrices(*_matrices(source))
+
+
+def to_latex(source: Source | Certificate) -> str:
+    """h and the matrices of ``to_numpy`` as displayed LaTeX equations.
+
+    Returns: the text.  Raises: SpecError above 500 rows.
+    """
+    from dobc_design.export.matrices import latex_of
+
+    return latex_of(*_matrices(source))
+
+
+def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]:
+    from dobc_design.export.matrices import exact_matrices
+
+    if isinstance(source, Certificate):
+        claims = source.claims
+        return exact_matrices(source.problem, W=claims.W, P=claims.P, Q=claims.Q), source.problem
+    problem = _loaded(source)
+    own = problem.joint_observer
+    return exact_matrices(problem, W=own.W, P=own.P), problem
+
+
+def _loaded(problem: Source) -> Problem:
+    return arrays.require_floats(problem if isinstance(problem, Problem) else load_problem(problem))
+
+
+def analyse(problem: Source) -> Analysis:
+    """Compute the diagnostics shown beside a certificate: spectra, margins, graph facts.  Never a proof.
+
+    Returns: an Analysis.  Raises: SpecError for a wrong problem.
+    Example:
+        >>> dd.analyse("clock-sync").observability.rank
+        1
+    """
+    from dobc_design.analysis.analysis import analyse as run
+
+    problem = _loaded(problem)
+    return run(problem, gain=observer_gain(problem))
+
+
+def build_model(problem: Source, *, mode: str | None = None) -> Model:
+    """Build the CasADi functions of the problem: h, its Jacobian, observer, controller, closed loop.
+
+    A missing W is designed first, as ``certify`` does.  ``mode`` defaults to the first.
+    Returns: a Model.  Raises: SpecError for an unknown mode.
+    Example:
+        >>> dd.build_model("clock-sync").jacobian([0] * 10).shape
+        (10, 10)
+    """
+    from dobc_design.model.model import build_model as run
+
+    problem = _loaded(problem)
+    return run(problem, mode, gain=observer_gain(problem))
+
+
+def to_control(
+    problem: Source, *, mode: str | None = None, signal: Any = None, seed: int | None = None
+) -> ConsensusLoop:
+    """The closed loop as a control.NonlinearIOSystem, whose response reproduces the trajectory of ``simulate``.
+
+    ``exosystem`` and ``observer`` of the result are control.StateSpace of one agent; ``start_of(trajectory)`` is the
+    initial state.  Modes as in ``simulate``: ``mode``, a ``signal`` that does not depend on the states, else the
+    problem's [switching], up to its t_final; ``seed`` draws the switches.  A missing W is designed first.
+    Returns: a ConsensusLoop.  Raises: SpecError.
+    """
+    from dobc_design.export.python_control import to_control as run
+    from dobc_design.simulation.signals import Mobile, signal_of
+
+    problem = _loaded(problem)
+    if signal is None and mode is None:
+        signal = signal_of(problem)[0]
+    if isinstance(signal, Mobile):
+        message = "signal must not depend on the states, because python-control keeps no graph between calls."
+        raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
+    settings = problem.simulation
+    seed, horizon = settings.seed if seed is None else seed, float(settings.horizon)
+    return run(problem, mode=mode, signal=signal, horizon=horizon, seed=seed, gain=observer_gain(problem))
+
+
+def python_script(problem: Source) -> str:
+    """The closed loop as the text of a Python file that needs NumPy and python-control only.  Numbers are floats in
+    their shortest exact form, couplings the text of the problem, which is Python once its functions are named; text of
+    users appears in strings only.  Raises: SpecError for more than 20 000 arcs."""
+    problem = _loaded(problem)
+    gain = observer_gain(problem)
+    arcs = sum(len(each) for each in problem.network.modes.values())
+    if arcs > MOST_ARCS:
+        message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
+        cure = "Use dobc_design.to_control(problem) in Python: it needs no file."
+        raise SpecError(message, key="--python-control", cure=cure)
+    # The functions of couplings come from NumPy; min and max of several have definitions of their own.
+    plain = sorted(["pi", *(row.name for row in FUNCTIONS.values() if not row.numpy)])
+    renamed = [row for row in FUNCTIONS.values() if row.numpy and row.name not in ("min", "max")]
+    imports = [f"from numpy import {', '.join(plain)}", *(f"from numpy import {r.numpy} as {r.name}" for r in renamed)]
+    couplings = list(problem.couplings)
+    return template("loop.py.j2").render(
+        title=_inside_docstring(problem.name),
+        mode=_inside_docstring(next(iter(problem.network.modes))),
+        imports="\n".join(imports),
+        couplings="".join(_function(number, each) for number, each in enumerate(couplings)),
+        numbers=_numbers(problem, gain),
+        arcs=_arcs(problem, couplings),
+    )
+
+
+def _function(number: int, coupling: Coupling) -> str:
+    """h of (9) on differences y (arcs, m)."""
+    head = f"\n\ndef h{number}(y):\n"
+    if coupling.by_component:
+        return f"{head}    return {coupling.components[0]} + 0 * y\n"
+    m = len(coupling.components)
+    names = ", ".join(f"y{c + 1}" for c in range(m))
+    parts = ", ".join(f"{each} + 0 * y1" for each in coupling.components)
+    return f"{head}    {names}{',' if m == 1 else ''} = y.T\n    return np.stack([{parts}], axis=1)\n"
+
+
+def _numbers(problem: Problem, gain: arrays.Gain | None) -> str:
+    A, C = arrays.exosystem_arrays(problem)
+    n, m, q = problem.n, problem.m, problem.q
+    K = arrays.pinning_matrix(problem).tocoo()
+    lines = [f"\n\nN, M, Q = {n}, {m}, {q}", f"LABELS = {list(problem.network.labels)!r}"]
+    named = {"A": A, "C": C, "W": arrays.required_gain(problem, gain), "GOALS": arrays.goals(problem)}
+    for name, array in named.items():
+        lines.append(f"{name} = np.array({array.tolist()!r}, dtype=float).reshape{array.shape}")
+    lines.append(f"K = np.zeros(({n}, {m}, {m}))  # 1/s, one matrix per agent")
+    entries = zip(K.row.tolist(), K.col.tolist(), K.data.tolist(), strict=True)
+    lines += [f"K[{row // m}, {row % m}, {column % m}] = {value!r}" for row, column, value in entries]
+    return "\n".join(lines) + "\n"
+
+
+def _arcs(problem: Problem, couplings: list[Coupling]) -> str:
+    """By mode and coupling: listeners, speakers and weights."""
+    lines = ["ARCS = {  # mode: (coupling, listeners, speakers, weights)"]
+    for mode in problem.network.modes:
+        lines.append(f"    {mode!r}: [")
+        for group in arrays.arc_groups(problem, mode):
+            weights = np.asarray(group.weights).tolist()
+            pairs = f"np.array({group.listeners.tolist()}), np.array({group.speakers.tolist()})"
+            lines.append(f"        (h{couplings.index(group.coupling)}, {pairs}, np.array({weights})),")
+        lines.append("    ],")
+    return "\n".join([*lines, "}", ""])
+
+
+def _inside_docstring(text: str) -> str:
+    """User text that cannot end the docstring it stands in."""
+    return ascii(text)[1:-1].replace('"', "'").replace("\\", "/")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,8 +16,7 @@ from dobc_design._show.text import lower
 from dobc_design.plotting import look
 from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, VERMILLION, Sheet, short
 
-if TYPE_CHECKING:
-    from dobc_design.certificate.regions import AgentBound, RegionClaim, Regions
+Regions = RegionClaim = AgentBound = Any  # the nouns of certificate/, which draws itself here
 
 ALONE: Final = 5.2  # inches, of one drawing in a file
 MOST_STARTS: Final = 24  # agents

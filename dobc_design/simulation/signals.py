@@ -43,7 +43,7 @@ class Periodic(Shown):
     """The modes one after another, over and over: each for ``dwell`` s, or ``dwell[i]`` s for the i-th of ``order``.
 
     Example:
-        >>> run = dd.simulate("paper-switching", signal=dd.Periodic(dwell=0.5), t_final=2, samples=9)
+        >>> run = dd.simulate("paper-switching", signal=dd.signals.Periodic(dwell=0.5), t_final=2, samples=9)
         >>> run.switches.times.tolist()
         [0.0, 0.5, 1.0, 1.5]
     """

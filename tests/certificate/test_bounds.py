@@ -139,7 +139,7 @@ def test_the_least_of_all_proved_bounds_counts(curved):
     [
         ({"stress": dd.Stress(noise=0.1)}, "under stress"),
         ({"observer": "off"}, "here it is off"),
-        ({"signal": dd.Mobile(radius=9)}, "follows from positions"),
+        ({"signal": dd.signals.Mobile(radius=9)}, "follows from positions"),
         ({"start": {"x": 9 * FAR}}, "starts outside what is certified"),
         ({"start": {"x": NEAR, "xi": 9 * FAR}}, "starts outside what is certified"),
     ],

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from dobc_design.export import python_script
 from dobc_design.export.c_folder import FILES
-from dobc_design.export.interchange import python_script
 
 
 @pytest.fixture

@@ -81,7 +81,7 @@ SLOW = pytest.mark.slow
 @pytest.mark.parametrize("precision", ["float", "double"])
 @pytest.mark.parametrize("name", ["planar", *(pytest.param(each, marks=SLOW) for each in ("alone", "paper-fixed"))])
 def test_the_code_compiles_without_a_warning_and_passes_its_own_vectors(name: str, precision: str, tmp_path):
-    found = dd.to_c(problem_named(name), period="1/50", precision=precision)
+    found = dd.export.to_c(problem_named(name), period="1/50", precision=precision)
     assert tuple(found.files) == FILES
     done = compile_and_test(write_all(found.files, tmp_path))
     assert done.returncode == 0, done.stdout
@@ -103,7 +103,7 @@ def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(name: str, pe
     """Equations (1), (12), (13), (19), sampled: C agents and an exact plant against ``simulate``."""
     problem = problem_named(name)
     run = run_of(problem, period=period)
-    agents = CompiledAgents(dd.to_c(problem, period=str(period)).files, tmp_path, n=problem.n, m=problem.m)
+    agents = CompiledAgents(dd.export.to_c(problem, period=str(period)).files, tmp_path, n=problem.n, m=problem.m)
     x, u, dhat = closed_loop(problem, run, agents, period=period)
     for found, wanted in ((x, run.x), (u, run.u), (dhat, run.dhat)):
         assert np.abs(found - wanted).max() <= 1e-12 * max(1.0, np.abs(wanted).max())
@@ -113,7 +113,7 @@ def test_all_agents_in_c_are_the_simulated_loop_to_1e_12_over_10_s(name: str, pe
 @needs_gcc
 @pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed (Debian: apt install g++)")
 def test_a_program_in_c_plus_plus_calls_the_same_code(tmp_path):
-    folder = write_all(dd.to_c(alone(3), period="1/50").files, tmp_path)
+    folder = write_all(dd.export.to_c(alone(3), period="1/50").files, tmp_path)
     for command in ("gcc -std=c99 -c dobc_agent.c", "g++ -Wall -Werror -x c++ main.c -x none dobc_agent.o -o selftest"):
         subprocess.run(command.split(), cwd=folder, check=True, timeout=120)
     assert subprocess.run(["./selftest"], cwd=folder, check=False, capture_output=True, timeout=60).returncode == 0
@@ -132,7 +132,7 @@ def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path
         arrived = np.zeros((10, 10), dtype=bool)
         arrived[arcs.listeners, arcs.speakers] = rng.random(len(arcs)) >= loss
         arrivals.append(arrived)
-    agents = CompiledAgents(dd.to_c(problem, period=str(period)).files, tmp_path, n=10, m=1)
+    agents = CompiledAgents(dd.export.to_c(problem, period=str(period)).files, tmp_path, n=10, m=1)
     x, _, dhat = closed_loop(problem, run, agents, period=period, limit=limit, arrivals=arrivals)
     assert np.abs(run.u).max() == limit
     assert np.abs(x - run.x).max() <= 1e-12
@@ -142,7 +142,7 @@ def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path
 @SLOW
 @needs_gcc
 def test_a_number_that_is_off_in_the_fifth_digit_fails_the_self_test(tmp_path):
-    files = dict(dd.to_c("paper-fixed", period="1/50").files)
+    files = dict(dd.export.to_c("paper-fixed", period="1/50").files)
     source = files["dobc_agent.c"].decode()
     number = re.search(r"correction\[DOBC_ORDER\]\[DOBC_COMPONENTS\] = \{\n    \{([0-9.]+)\}", source)[1]
     files["dobc_agent.c"] = source.replace(number, repr(float(number) * 1.0001)).encode()
@@ -154,10 +154,10 @@ def test_a_number_that_is_off_in_the_fifth_digit_fails_the_self_test(tmp_path):
 @SLOW
 @needs_gcc
 def test_a_polynomial_coupling_needs_no_mathematical_library(tmp_path):
-    found = dd.to_c(alone(3, h="y + y**3"), period="1/50")
+    found = dd.export.to_c(alone(3, h="y + y**3"), period="1/50")
     assert b"math.h" not in found.files["dobc_agent.c"]
     assert compile_and_test(write_all(found.files, tmp_path), library=False).returncode == 0
-    assert b"#include <math.h>" in dd.to_c("paper-fixed", period="1/50", agents=["1"]).files["dobc_agent.c"]
+    assert b"#include <math.h>" in dd.export.to_c("paper-fixed", period="1/50", agents=["1"]).files["dobc_agent.c"]
 
 
 def test_the_code_uses_no_heap_and_no_file_but_math_h():
@@ -217,12 +217,14 @@ def test_the_period_that_is_offered_is_close_to_the_true_limit():
 
 
 def test_only_the_agents_that_are_asked_for_are_in_the_table():
-    found = dd.to_c("paper-fixed", period="1/50", agents=["3", 6])
+    found = dd.export.to_c("paper-fixed", period="1/50", agents=["3", 6])
     assert [agent.label for agent in found.controller.agents] == ["3", "6"]
     assert b"#define DOBC_AGENTS 2" in found.files["dobc_agent.h"]
-    assert [agent.label for agent in dd.to_c("paper-fixed", period="1/50", agents="10").controller.agents] == ["10"]
+    assert [agent.label for agent in dd.export.to_c("paper-fixed", period="1/50", agents="10").controller.agents] == [
+        "10"
+    ]
     with pytest.raises(SpecError, match="no agent '33'"):
-        dd.to_c("paper-fixed", period="1/50", agents=["33"])
+        dd.export.to_c("paper-fixed", period="1/50", agents=["33"])
 
 
 def test_too_many_agents_for_one_table_are_refused_and_one_of_them_is_not():
@@ -263,7 +265,7 @@ def test_the_code_of_a_group_is_that_of_a_network_with_its_exosystem_alone(label
 @needs_gcc
 @pytest.mark.parametrize("label", [pytest.param(1, marks=SLOW), pytest.param(2, marks=SLOW)])
 def test_the_code_of_every_group_passes_its_vectors_in_the_whole_loop(label: int, tmp_path):
-    found = dd.to_c(grouped(), period="1/50", agents=[label])
+    found = dd.export.to_c(grouped(), period="1/50", agents=[label])
     done = compile_and_test(write_all(found.files, tmp_path))
     assert done.returncode == 0, done.stdout
     assert float(re.search(r"difference ([0-9.e+-]+)", done.stdout)[1]) <= 1e-12
@@ -275,7 +277,7 @@ def test_agents_of_different_groups_do_not_share_a_folder():
         make_controller(grouped(), period="1/50")
     assert "begin with agent 1, 2" in str(caught.value)
     with pytest.raises(SpecError, match="sampled_gain is one gain for all"):
-        dd.to_c(grouped(), period="1/50", agents=[2], sampled_gain=[[1]])
+        dd.export.to_c(grouped(), period="1/50", agents=[2], sampled_gain=[[1]])
 
 
 @pytest.mark.parametrize(
@@ -290,18 +292,18 @@ def test_agents_of_different_groups_do_not_share_a_folder():
 )
 def test_a_wrong_argument_is_named(options, match: str):
     with pytest.raises(SpecError, match=match):
-        dd.to_c("paper-fixed", **options)
+        dd.export.to_c("paper-fixed", **options)
 
 
 def test_numbers_that_a_float_cannot_hold_are_refused():
     far = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", target="1e39")
     with pytest.raises(SpecError, match="fit into a float"):
-        dd.to_c(far, period="1e-3", precision="float")
+        dd.export.to_c(far, period="1e-3", precision="float")
 
 
 def test_a_sampled_gain_takes_the_place_of_the_discretised_one():
     design = dd.design_observer("paper-fixed", period="1/20", rate=1)
-    found = dd.to_c("paper-fixed", period="1/20", sampled_gain=design.W)
+    found = dd.export.to_c("paper-fixed", period="1/20", sampled_gain=design.W)
     rounded = tuple(tuple(Fraction(float(x)) for x in row) for row in design.W)
     assert rounded == found.controller.L
     assert found.statements[0].verdict is Verdict.PROVED
@@ -337,7 +339,7 @@ def single_precision(coupling, y: np.ndarray) -> np.ndarray:
 
 
 def test_the_folder_is_not_overwritten_unless_forced(tmp_path):
-    found = dd.to_c("paper-fixed", period="1/50", agents=["1"])
+    found = dd.export.to_c("paper-fixed", period="1/50", agents=["1"])
     assert [path.name for path in found.save(tmp_path / "code")] == list(FILES)
     with pytest.raises(SpecError, match="exists already"):
         found.save(tmp_path / "code")
@@ -349,4 +351,6 @@ def test_the_folder_is_not_overwritten_unless_forced(tmp_path):
 
 @SLOW
 def test_the_same_problem_gives_the_same_bytes():
-    assert dd.to_c("paper-switching", period="1/50").files == dd.to_c("paper-switching", period="1/50").files
+    assert (
+        dd.export.to_c("paper-switching", period="1/50").files == dd.export.to_c("paper-switching", period="1/50").files
+    )

@@ -54,7 +54,7 @@ def simulated(problem: Problem, *, agent: str, period: float, seconds: float, pa
     count = round(seconds / period)
     times = [k * period for k in range(count + 1)]
     run = dd.simulate(problem, t_final=times[-1], samples=times, signal=signal, stress=dd.Stress(period=period))
-    made = dd.to_fmu(problem, period=repr(period), agent=agent)
+    made = dd.export.to_fmu(problem, period=repr(period), agent=agent)
     made.save(path)
     index = problem.network.labels.index(agent)
     found = fmpy().read_model_description(str(path))
@@ -94,7 +94,7 @@ def test_fmpy_simulates_the_agent_equal_to_the_loop_for_10_s(tmp_path):
 @needs_compiler
 def test_an_agent_with_two_components_follows_the_switches(tmp_path):
     problem = moving()
-    signal = dd.Periodic(dwell=0.5, order=("one", "two"))
+    signal = dd.signals.Periodic(dwell=0.5, order=("one", "two"))
     run, answer, index = simulated(
         problem, agent="<a>", period=0.02, seconds=4, path=tmp_path / "agent.fmu", signal=signal
     )
@@ -111,14 +111,14 @@ def test_an_agent_with_two_components_follows_the_switches(tmp_path):
 def test_fmpy_finds_nothing_to_complain_of(tmp_path):
     validation = fmpy().validation if hasattr(fmpy(), "validation") else pytest.importorskip("fmpy.validation")
     for problem, agent in ((dd.load_problem("paper-switching"), "1"), (moving(), 'c"')):
-        dd.to_fmu(problem, period="1/50", agent=agent).save(tmp_path / "agent.fmu")
+        dd.export.to_fmu(problem, period="1/50", agent=agent).save(tmp_path / "agent.fmu")
         assert validation.validate_fmu(str(tmp_path / "agent.fmu")) == []
 
 
 @pytest.mark.slow
 @needs_compiler
 def test_the_sources_compile_without_a_warning(tmp_path):
-    made = dd.to_fmu(moving(), period="1/50", agent='c"')
+    made = dd.export.to_fmu(moving(), period="1/50", agent='c"')
     with zipfile.ZipFile(io.BytesIO(made.data)) as archive:
         archive.extractall(tmp_path)
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wshadow"]
@@ -132,7 +132,7 @@ def test_the_sources_compile_without_a_warning(tmp_path):
 @needs_compiler
 def test_a_step_of_several_periods_takes_all_samples_in_it_and_a_state_can_be_restored(tmp_path):
     """Three steps of one period and one of three give the same; after a restore the same step gives the same."""
-    path = dd.to_fmu("paper-fixed", period="1/20", agent="1").save(tmp_path / "agent.fmu")
+    path = dd.export.to_fmu("paper-fixed", period="1/20", agent="1").save(tmp_path / "agent.fmu")
     fmi3 = pytest.importorskip("fmpy.fmi3", reason='FMPy is not installed: pip install "dobc_design[fmu]"')
     description = fmpy().read_model_description(str(path))
     folder = fmpy().extract(str(path), unzipdir=str(tmp_path / "unzipped"))
@@ -183,7 +183,7 @@ def test_every_function_of_the_standard_is_there():
 
 def test_without_a_compiler_the_fmu_holds_sources_only(monkeypatch):
     monkeypatch.setattr(fmu.shutil, "which", lambda name: None)
-    made = dd.to_fmu("paper-fixed", period="1/50")
+    made = dd.export.to_fmu("paper-fixed", period="1/50")
     assert made.platform is None
     with zipfile.ZipFile(io.BytesIO(made.data)) as archive:
         names = archive.namelist()
@@ -200,4 +200,4 @@ def test_a_compiler_that_refuses_is_the_machines_failure(monkeypatch, tmp_path):
     broken.chmod(0o755)
     monkeypatch.setattr(fmu.shutil, "which", lambda name: str(broken))
     with pytest.raises(SolverError, match="refused the FMU's code: no room"):
-        dd.to_fmu("paper-fixed", period="1/50")
+        dd.export.to_fmu("paper-fixed", period="1/50")

@@ -87,7 +87,7 @@ CASES = [
 @pytest.mark.parametrize(("name", "given", "verdict"), CASES, ids=[case[0] for case in CASES])
 def test_clarabel_finds_a_negative_t_exactly_where_the_theorem_is_proved(name: str, given, verdict: str):
     """The Decision theorem: a pair exists iff Lambda < 0 and (A, C) is detectable."""
-    text = dd.to_sdpa(pair_problem(**given))
+    text = dd.export.to_sdpa(pair_problem(**given))
     assert f"decided exactly by dobc_design: {verdict}" in text
     optimum = SdpaFile(text).solved()
     assert (optimum < -1e-4) if verdict == "proved" else (optimum > -1e-6)
@@ -96,7 +96,7 @@ def test_clarabel_finds_a_negative_t_exactly_where_the_theorem_is_proved(name: s
 @needs_csdp
 @pytest.mark.parametrize(("name", "given", "verdict"), CASES, ids=[case[0] for case in CASES])
 def test_csdp_gives_the_same_verdict(name: str, given, verdict: str, tmp_path):
-    optimum = csdp(dd.to_sdpa(pair_problem(**given)), tmp_path)
+    optimum = csdp(dd.export.to_sdpa(pair_problem(**given)), tmp_path)
     assert (optimum < -1e-4) if verdict == "proved" else (optimum > -1e-6)
 
 
@@ -104,7 +104,7 @@ def test_csdp_gives_the_same_verdict(name: str, given, verdict: str, tmp_path):
 @needs_csdp
 @pytest.mark.parametrize("name", ["paper-fixed", "paper-switching", "clock-sync"])
 def test_csdp_proposes_what_is_proved_of_the_built_in_problems(name: str, tmp_path):
-    text = dd.to_sdpa(name)
+    text = dd.export.to_sdpa(name)
     assert "decided exactly by dobc_design: proved" in text
     assert csdp(text, tmp_path) < -0.1
     assert csdp(text, tmp_path) == pytest.approx(SdpaFile(text).solved(), abs=1e-5)
@@ -122,7 +122,7 @@ def test_the_file_states_the_same_program_as_the_dense_lmi():
 
 def test_without_an_exosystem_the_file_is_lemma_1():
     """min t is lambda_max(Lambda): two agents, one pinned with 1: eigenvalues of [[-4, 2], [2, -2]]."""
-    text = dd.to_sdpa(pair_problem(A=None))
+    text = dd.export.to_sdpa(pair_problem(A=None))
     assert "Lemma 1" in text
     found = SdpaFile(text)
     assert len(found.c) == 1
@@ -141,7 +141,7 @@ def test_the_bounds_leave_room_for_a_pair_that_is_small_or_large():
 
 def test_couplings_with_a_kink_have_no_lmi():
     with pytest.raises(SpecError, match="no linear matrix inequality"):
-        dd.to_sdpa(pair_problem(A=None, h="y + abs(y)/2"))
+        dd.export.to_sdpa(pair_problem(A=None, h="y + abs(y)/2"))
 
 
 def test_a_file_that_no_solver_could_take_is_not_written():

@@ -84,7 +84,7 @@ mpc.branch = [ 1 2 0 0.1 0 0 0 0 0.98 0 1; ];
 
 def healthy(kind: str, tmp_path) -> bytes:
     if kind == "mat":
-        return dd.to_mat("clock-sync", tmp_path / "healthy.mat").read_bytes()
+        return dd.export.to_mat("clock-sync", tmp_path / "healthy.mat").read_bytes()
     return CASE.encode() if kind == "m" else tables()
 
 

@@ -166,7 +166,7 @@ def test_pandapower_networks_have_the_susceptances_of_their_own_load_flow(case: 
     problem = dd.from_pandapower(net)
     pp.rundcpp(net)
     B = net._ppc["internal"]["Bbus"].toarray()
-    found = -dd.to_numpy(problem)["L"]
+    found = -dd.export.to_numpy(problem)["L"]
     off = ~np.eye(len(found), dtype=bool)
     order = net._pd2ppc_lookups["bus"][[int(label) for label in problem.network.labels]]
     wanted = -B[np.ix_(order, order)]

@@ -36,7 +36,9 @@ def swarm():
         name="swarm </script><b>&",
     )
     start = np.random.default_rng(2).uniform(-1, 1, size=(9, 2))
-    return dd.simulate(problem, signal=dd.Mobile(radius=0.9, hysteresis=0.05), start=start, t_final=5, samples=21)
+    return dd.simulate(
+        problem, signal=dd.signals.Mobile(radius=0.9, hysteresis=0.05), start=start, t_final=5, samples=21
+    )
 
 
 def by_label(sheet, beginning: str):

@@ -14,11 +14,10 @@ from shown import html_report, markdown_report
 
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
 from dobc_design.conditions.check import Check, Values, Witness
+from dobc_design.plotting.regions import plot_regions, plot_starts, region_sheet
 from dobc_design.problem.network import Network
-from dobc_design.report.figures import plot_regions, plot_starts
-from dobc_design.report.pictures import region_pictures, region_sheet, svg_of
+from dobc_design.report.pictures import region_pictures, svg_of
 from dobc_design.report.region_words import asked_sentence, regions_table, rest_sentence, timing_sentences, upper
-from dobc_design.report.write import plot_regions as plot_regions_of
 from dobc_design.verdict import Verdict
 
 BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
@@ -194,7 +193,7 @@ def test_the_page_has_a_section_with_table_pictures_and_sentences(asked_for: dic
 
 
 def test_a_certificate_is_drawn_by_its_public_function(asked_for: dict[str, Any], tmp_path: Path):
-    sheet = plot_regions_of(asked_for["certificate"])
+    sheet = asked_for["certificate"].plot()
     assert len(sheet.figure.axes) == 2
     assert sheet.save(tmp_path / "region.svg").read_bytes() == sheet.file("svg")
 

@@ -28,10 +28,11 @@ OTHERWISE = {"Designer": "_repr_mimebundle_", "Sheet": "_repr_png_", "ConsensusL
 
 
 def public() -> Iterator[object]:
-    """All public names, those of ``exact`` and ``exosystems`` included."""
+    """All public names, those of the public modules included."""
     yield from (getattr(dd, name) for name in sorted({*dd.__all__, *dd._HOMES}) if name != "Designer")
     yield from (getattr(dd.exact, name) for name in dd.exact.__all__)
-    yield from (value for name, value in vars(dd.exosystems).items() if not name.startswith("_"))
+    modules = (dd.exosystems, dd.export, dd.poles, dd.signals)
+    yield from (value for each in modules for name, value in vars(each).items() if not name.startswith("_"))
 
 
 def is_ours(each: type) -> bool:
@@ -127,13 +128,13 @@ def nouns(problem: dd.Problem) -> list[Any]:
     one, sparse = Fraction(1), dd.exact.SparseSymmetric
     of_problem = ("network", "pinning", "coupling", "region", "exosystem", "observer", "switching")
     signals = [
-        dd.Fixed(mode=modes[0]),
-        dd.Periodic(dwell=[0.5] * 2, order=modes),
-        dd.RandomDwell(dwell=0.5),
-        dd.Markov(generator=((-1, 1), (1, -1)), order=modes),
-        dd.Mobile(radius=2.0),
-        dd.Schedule(times=tuple(range(2000)), modes=modes * 1000),
-        dd.Waypoints(times=tuple(range(30)), positions=whole),
+        dd.signals.Fixed(mode=modes[0]),
+        dd.signals.Periodic(dwell=[0.5] * 2, order=modes),
+        dd.signals.RandomDwell(dwell=0.5),
+        dd.signals.Markov(generator=((-1, 1), (1, -1)), order=modes),
+        dd.signals.Mobile(radius=2.0),
+        dd.signals.Schedule(times=tuple(range(2000)), modes=modes * 1000),
+        dd.signals.Waypoints(times=tuple(range(30)), positions=whole),
     ]
     exact = [
         sparse(1000, {(i, i): Fraction(i + 1, 7) for i in range(1000)}),
@@ -145,7 +146,12 @@ def nouns(problem: dd.Problem) -> list[Any]:
         dd.exact.decide_detectable(((0 * one,),), ((0 * one,),)),
         dd.exact.decide_positive_definite(dd.exact.identity(60)),
     ]
-    wanted = [dd.HalfPlane(left_of=-2), dd.Disk(centre=-3, radius=2), dd.Cone(damping="0.7"), dd.NoiseLimit(bound=3)]
+    wanted = [
+        dd.poles.HalfPlane(left_of=-2),
+        dd.poles.Disk(centre=-3, radius=2),
+        dd.poles.Cone(damping="0.7"),
+        dd.poles.NoiseLimit(bound=3),
+    ]
     failures = [dd.Failure(agent=each) for each in problem.network.labels]
     return [
         *(problem, *(getattr(problem, part) for part in of_problem), problem.groups[0]),
@@ -208,7 +214,7 @@ def test_mathematics_is_mathml_and_latex_at_once():
 
 
 def test_text_at_the_prompt_says_what_was_typed():
-    assert repr(dd.Disk(centre="-7/2", radius=2)) == "Disk(centre=-7/2, radius=2)"
+    assert repr(dd.poles.Disk(centre="-7/2", radius=2)) == "Disk(centre=-7/2, radius=2)"
     assert repr(dd.Exosystem(A=[[0]], C=[[1]])) == "Exosystem(A=[[0]], C=[[1]])"
     network = dd.Network.from_arcs([[1, 2]], arrow="listens_to")
     assert repr(network) == "<Network of 2 agents: G with 1 arc>"

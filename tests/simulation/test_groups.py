@@ -11,7 +11,7 @@ from side_by_side import require_the_same
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
-from dobc_design.export.interchange import python_script
+from dobc_design.export import python_script
 
 ARCS = [(0, 1), (1, 2), (2, 0)]
 GAINS = (3.0, 0.0, 1.0)
@@ -133,7 +133,7 @@ def test_what_breaks_first_knows_groups(problem):
     assert dd.what_breaks_first(problem, options=["saturation"], t_final=4).sweeps[0].option == "saturation"
 
 
-@pytest.mark.parametrize("use", [python_script, dd.to_sdpa])
+@pytest.mark.parametrize("use", [python_script, dd.export.to_sdpa])
 def test_what_does_not_know_groups_yet_says_so(problem, use):
     with pytest.raises(SpecError, match=r"exosystem\.groups: this is not available yet") as caught:
         use(problem)

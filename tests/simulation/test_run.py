@@ -60,7 +60,7 @@ def errors(trajectory, k: int):
 def test_a_switched_linear_loop_is_the_product_of_its_exponentials(observer: str):
     """Instants that no step of equal length would meet; a switch late by 1e-9 s would be seen."""
     problem = planar()
-    signal = dd.Schedule(times=[0, 0.7390851, 1.6180339, 3.1415926], modes=["one", "two", "one", "two"])
+    signal = dd.signals.Schedule(times=[0, 0.7390851, 1.6180339, 3.1415926], modes=["one", "two", "one", "two"])
     run = simulate(problem, signal=signal, samples=5, observer=observer, tolerance=1e-12)
     stays = np.diff([*signal.times, 4.0])
     product = np.eye(15)
@@ -83,7 +83,7 @@ def test_no_step_crosses_a_switch(monkeypatch):
         return done
 
     monkeypatch.setattr(integrate, "_stepped", spy)
-    run = simulate(dd.load_problem("paper-switching"), signal=dd.Periodic(dwell=0.3), t_final=5.0)
+    run = simulate(dd.load_problem("paper-switching"), signal=dd.signals.Periodic(dwell=0.3), t_final=5.0)
     instants = [*run.switches.times.tolist(), 5.0]
     assert len(instants) == 18
     assert set(instants[1:]) <= {end for _, end in steps}
@@ -92,7 +92,7 @@ def test_no_step_crosses_a_switch(monkeypatch):
 
 def test_the_observer_error_in_closed_form_is_that_of_the_full_loop():
     """(17), and what follows from it for x, d, dhat and u, on Example 2."""
-    problem, signal = dd.load_problem("paper-switching"), dd.Periodic(dwell=0.7)
+    problem, signal = dd.load_problem("paper-switching"), dd.signals.Periodic(dwell=0.7)
     fast = simulate(problem, signal=signal, tolerance=1e-12)
     full = simulate(problem, signal=signal, tolerance=1e-12, observer="full-loop")
     for name in ("x", "xi", "xihat", "d", "dhat", "u"):
@@ -161,7 +161,7 @@ def test_the_error_falls_with_the_tolerance_at_the_order_of_the_method():
 def test_example_2_with_switching_agrees_with_cvodes():
     """Integrated mode by mode by CasADi's CVODES from the symbolic closed loop."""
     problem = dd.load_problem("paper-switching")
-    signal = dd.Periodic(dwell=0.4)
+    signal = dd.signals.Periodic(dwell=0.4)
     run = simulate(problem, signal=signal, t_final=2.0, samples=6)
     state = np.concatenate([run.x[0].ravel(), run.xi[0].ravel(), -np.kron(run.x[0].ravel(), [3.2, 2.4])])
     for k, mode in enumerate(["Ga", "Gb", "Gc", "Gd", "Ga"]):
@@ -306,7 +306,7 @@ def test_a_fixed_point_stays_fixed_to_rounding(observer: str):
     """e = 0 and eps = 0: (3), with a disturbance that the observer knows from the start."""
     xi = starts()[1]
     start = {"x": np.ones((N, 1)), "xi": xi, "xihat": xi}
-    run = simulate(loop(), start=start, signal=dd.Periodic(dwell=0.5), observer=observer)
+    run = simulate(loop(), start=start, signal=dd.signals.Periodic(dwell=0.5), observer=observer)
     assert run.error().max() < (1e-15 if observer == "closed-form" else 1e-9)
     assert np.abs(run.d).max() > 1
 
@@ -314,10 +314,10 @@ def test_a_fixed_point_stays_fixed_to_rounding(observer: str):
 def test_permuting_the_agents_permutes_the_result():
     order = np.random.default_rng(0).permutation(N)
     x, xi = starts()
-    one = simulate(loop(), start={"x": x, "xi": xi}, signal=dd.Periodic(dwell=0.5))
+    one = simulate(loop(), start={"x": x, "xi": xi}, signal=dd.signals.Periodic(dwell=0.5))
     moved_x, moved_xi = np.empty_like(x), np.empty_like(xi)
     moved_x[order], moved_xi[order] = x, xi
-    other = simulate(loop(order.tolist()), start={"x": moved_x, "xi": moved_xi}, signal=dd.Periodic(dwell=0.5))
+    other = simulate(loop(order.tolist()), start={"x": moved_x, "xi": moved_xi}, signal=dd.signals.Periodic(dwell=0.5))
     np.testing.assert_allclose(other.x[:, order], one.x, atol=1e-9)
     np.testing.assert_allclose(other.u[:, order], one.u, atol=1e-8)
 
@@ -325,8 +325,8 @@ def test_permuting_the_agents_permutes_the_result():
 def test_shifting_the_target_shifts_the_states():
     """Only differences and x - xbar enter; the shift is a power of two, so that nothing rounds at the start."""
     x, xi = starts()
-    one = simulate(loop(), start={"x": x, "xi": xi}, signal=dd.Periodic(dwell=0.5))
-    other = simulate(loop(target=65), start={"x": x + 64, "xi": xi}, signal=dd.Periodic(dwell=0.5))
+    one = simulate(loop(), start={"x": x, "xi": xi}, signal=dd.signals.Periodic(dwell=0.5))
+    other = simulate(loop(target=65), start={"x": x + 64, "xi": xi}, signal=dd.signals.Periodic(dwell=0.5))
     np.testing.assert_allclose(other.x - 64, one.x, atol=1e-9)
     np.testing.assert_allclose(other.dhat, one.dhat, atol=1e-12)
 
@@ -336,7 +336,7 @@ def test_an_unpinned_undisturbed_balanced_linear_network_keeps_its_average():
     balanced = {name: [[*arc[:2], k + 1] for arc in arcs] for k, (name, arcs) in enumerate(modes().items())}
     network = dd.Network.from_arcs(balanced, arrow="listens_to", agents=N)
     problem = dd.Problem(network=network, coupling="y")
-    run = simulate(problem, signal=dd.RandomDwell(dwell=0.3), start=starts()[0])
+    run = simulate(problem, signal=dd.signals.RandomDwell(dwell=0.3), start=starts()[0])
     assert np.ptp(run.x[:, :, 0].mean(axis=1)) < 1e-12
     assert np.ptp(run.x[-1]) < 1e-3
     lost = simulate(loop(coupling="y", gains={}, exosystem=None, observer=None), start=starts()[0])
@@ -344,7 +344,7 @@ def test_an_unpinned_undisturbed_balanced_linear_network_keeps_its_average():
 
 
 def test_the_active_mode_stands_at_every_sample():
-    run = simulate(loop(), signal=dd.Periodic(dwell=0.5), t_final=2, samples=[0, 0.25, 0.5, 1.2, 1.75, 2])
+    run = simulate(loop(), signal=dd.signals.Periodic(dwell=0.5), t_final=2, samples=[0, 0.25, 0.5, 1.2, 1.75, 2])
     assert run.mode_index.tolist() == [0, 0, 1, 0, 1, 1]
     assert [sample.mode for sample in run] == ["a", "a", "b", "a", "b", "b"]
     assert run.mode == "a, b (periodic, 0.5 s each)"
@@ -367,7 +367,7 @@ def test_a_run_that_blows_up_between_two_samples_keeps_its_rise():
 
 def test_switches_after_the_end_of_a_run_are_left_out():
     problem = loop(coupling="-y", exosystem=None, observer=None)
-    run = simulate(problem, signal=dd.Periodic(dwell=0.5), t_final=60)
+    run = simulate(problem, signal=dd.signals.Periodic(dwell=0.5), t_final=60)
     assert run.diverged
     assert run.switches.times[-1] <= run.times[-1] < 59
 
@@ -431,7 +431,7 @@ def test_a_run_that_diverges_keeps_what_is_valid_and_says_why(problem: dd.Proble
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"mode": "a", "signal": dd.Periodic(dwell=1)}, "exclude each other"),
+        ({"mode": "a", "signal": dd.signals.Periodic(dwell=1)}, "exclude each other"),
         ({"mode": "c"}, "mode must be one of"),
         ({"signal": "periodic"}, "signal must be a switching signal; got periodic"),
         ({"stress": "noise"}, "stress must be a Stress; got noise"),

@@ -14,20 +14,22 @@ from dobc_design.simulation.signals import signal_of, signal_to_json
 from dobc_design.simulation.switches import scheduled_switches
 
 NAMES = ("a", "b", "c")
-CHAIN = dd.Markov(generator=[[-3, 2, 1], [0.5, -0.5, 0], [1, 1, -2]])
+CHAIN = dd.signals.Markov(generator=[[-3, 2, 1], [0.5, -0.5, 0], [1, 1, -2]])
 SIGNALS = [
-    dd.Fixed(),
-    dd.Fixed(mode="b"),
-    dd.Periodic(dwell=0.5),
-    dd.Periodic(dwell=[1, 0.25], order=["c", "a"]),
-    dd.RandomDwell(dwell=0.3),
-    dd.RandomDwell(dwell=0.3, longest=1),
+    dd.signals.Fixed(),
+    dd.signals.Fixed(mode="b"),
+    dd.signals.Periodic(dwell=0.5),
+    dd.signals.Periodic(dwell=[1, 0.25], order=["c", "a"]),
+    dd.signals.RandomDwell(dwell=0.3),
+    dd.signals.RandomDwell(dwell=0.3, longest=1),
     CHAIN,
     replace(CHAIN, order=("c", "b", "a"), start="b"),
-    dd.Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"]),
-    dd.Mobile(radius=2, hysteresis=0.1),
-    dd.Mobile(neighbours=3),
-    dd.Mobile(radius=1, motion=dd.Waypoints(times=[0, 1], positions=[[[0, 0], [1, 1]], [[0, 0], [3, 1.5]]])),
+    dd.signals.Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"]),
+    dd.signals.Mobile(radius=2, hysteresis=0.1),
+    dd.signals.Mobile(neighbours=3),
+    dd.signals.Mobile(
+        radius=1, motion=dd.signals.Waypoints(times=[0, 1], positions=[[[0, 0], [1, 1]], [[0, 0], [3, 1.5]]])
+    ),
 ]
 
 
@@ -36,14 +38,14 @@ def test_the_json_of_a_signal_holds_all_of_it(signal):
     document = json.loads(signal_to_json(signal))
     assert document.pop("signal") == signal.kind
     if document.get("motion"):
-        document["motion"] = dd.Waypoints(**document["motion"])
+        document["motion"] = dd.signals.Waypoints(**document["motion"])
     again = type(signal)(**document)
     assert again == signal
     assert hash(again) == hash(signal)
     assert str(signal)
 
 
-@pytest.mark.parametrize("signal", [s for s in SIGNALS if not isinstance(s, dd.Mobile)], ids=str)
+@pytest.mark.parametrize("signal", [s for s in SIGNALS if not isinstance(s, dd.signals.Mobile)], ids=str)
 def test_the_seed_decides_the_switches(signal):
     first, again = (scheduled_switches(signal, NAMES, 30.0, 5) for _ in range(2))
     assert first.times.tolist() == again.times.tolist()
@@ -53,25 +55,27 @@ def test_the_seed_decides_the_switches(signal):
     assert first.times[-1] < 30
     assert (np.diff(first.modes) != 0).all()
     other = scheduled_switches(signal, NAMES, 30.0, 6)
-    assert np.array_equal(first.times, other.times) == isinstance(signal, (dd.Fixed, dd.Periodic, dd.Schedule))
+    assert np.array_equal(first.times, other.times) == isinstance(
+        signal, (dd.signals.Fixed, dd.signals.Periodic, dd.signals.Schedule)
+    )
 
 
 def test_a_periodic_signal_switches_at_multiples_of_its_dwell_time():
-    found = scheduled_switches(dd.Periodic(dwell=0.1), NAMES, 10.0, 0)
+    found = scheduled_switches(dd.signals.Periodic(dwell=0.1), NAMES, 10.0, 0)
     assert found.times.tolist() == (0.1 * np.arange(100)).tolist()
     assert found.modes[:4].tolist() == [0, 1, 2, 0]
 
 
 def test_a_random_signal_draws_each_mode_equally_often():
     """At multiples of the dwell time; three of 3000 draws' counts within four standard deviations."""
-    found = scheduled_switches(dd.RandomDwell(dwell=0.5), NAMES, 1500.0, 1)
+    found = scheduled_switches(dd.signals.RandomDwell(dwell=0.5), NAMES, 1500.0, 1)
     modes = found.at(0.5 * np.arange(3000) + 0.1)
     assert np.abs(np.bincount(modes) - 1000).max() < 4 * np.sqrt(3000 * 2 / 9)
     assert set((found.times / 0.5 % 1).tolist()) == {0.0}
 
 
 def test_random_stays_lie_between_the_two_dwell_times():
-    found = scheduled_switches(dd.RandomDwell(dwell=0.3, longest=0.5), ("a", "b"), 100.0, 1)
+    found = scheduled_switches(dd.signals.RandomDwell(dwell=0.3, longest=0.5), ("a", "b"), 100.0, 1)
     stays = np.diff(found.times)
     assert stays.min() >= 0.3
     multiples = np.ceil(stays / 0.5)  # a mode may be drawn again
@@ -92,35 +96,35 @@ def test_a_markov_signal_stays_and_jumps_as_its_generator_says():
 
 
 def test_a_mode_that_is_never_left_ends_a_markov_signal():
-    found = scheduled_switches(dd.Markov(generator=[[-1, 1], [0, 0]]), ("a", "b"), 1e9, 0)
+    found = scheduled_switches(dd.signals.Markov(generator=[[-1, 1], [0, 0]]), ("a", "b"), 1e9, 0)
     assert found.modes.tolist() == [0, 1]
-    assert "for ever" in str(dd.Markov(generator=[[-1, 1], [0, 0]]))
+    assert "for ever" in str(dd.signals.Markov(generator=[[-1, 1], [0, 0]]))
 
 
 def test_at_an_instant_of_switching_the_new_mode_is_active():
-    found = scheduled_switches(dd.Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"]), NAMES, 5.0, 0)
+    found = scheduled_switches(dd.signals.Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"]), NAMES, 5.0, 0)
     assert found.at(np.array([0, 1.4, 1.5, 1.9, 2, 5])).tolist() == [0, 0, 2, 2, 0, 0]
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: dd.Periodic(dwell=0), "dwell must be a time > 0 in s"),
-        (lambda: dd.Periodic(dwell=[]), "at least one time"),
-        (lambda: dd.Periodic(dwell=[1, -1]), r"dwell\[1\] must be"),
-        (lambda: dd.RandomDwell(dwell=float("nan")), "got nan"),
-        (lambda: dd.RandomDwell(dwell=1, longest=0.5), "longest must be >= dwell"),
-        (lambda: dd.Markov(generator=[[-1, 1], [1, 0]]), r"generator\[1\] must add up to 0"),
-        (lambda: dd.Markov(generator=[[1, -1], [1, -1]]), r"generator\[0\]\[1\] must be a number >= 0"),
-        (lambda: dd.Markov(generator=[[0, 0]]), "generator must be a square matrix"),
-        (lambda: dd.Schedule(times=[0, 2, 2], modes=["a", "b", "a"]), "must begin with 0 and increase"),
-        (lambda: dd.Schedule(times=[0], modes=[]), "equally long"),
-        (dd.Mobile, "either radius or neighbours"),
-        (lambda: dd.Mobile(radius=1, neighbours=2), "and not both"),
-        (lambda: dd.Mobile(radius=1, hysteresis=-1), "hysteresis must be a number >= 0"),
-        (lambda: dd.Mobile(neighbours=0), "neighbours must be a whole number >= 1"),
-        (lambda: dd.Waypoints(times=[0, 1], positions=[[[0]]]), "with 2 times"),
-        (lambda: dd.Waypoints(times=[1, 1], positions=[[[0]], [[1]]]), "times must increase"),
+        (lambda: dd.signals.Periodic(dwell=0), "dwell must be a time > 0 in s"),
+        (lambda: dd.signals.Periodic(dwell=[]), "at least one time"),
+        (lambda: dd.signals.Periodic(dwell=[1, -1]), r"dwell\[1\] must be"),
+        (lambda: dd.signals.RandomDwell(dwell=float("nan")), "got nan"),
+        (lambda: dd.signals.RandomDwell(dwell=1, longest=0.5), "longest must be >= dwell"),
+        (lambda: dd.signals.Markov(generator=[[-1, 1], [1, 0]]), r"generator\[1\] must add up to 0"),
+        (lambda: dd.signals.Markov(generator=[[1, -1], [1, -1]]), r"generator\[0\]\[1\] must be a number >= 0"),
+        (lambda: dd.signals.Markov(generator=[[0, 0]]), "generator must be a square matrix"),
+        (lambda: dd.signals.Schedule(times=[0, 2, 2], modes=["a", "b", "a"]), "must begin with 0 and increase"),
+        (lambda: dd.signals.Schedule(times=[0], modes=[]), "equally long"),
+        (dd.signals.Mobile, "either radius or neighbours"),
+        (lambda: dd.signals.Mobile(radius=1, neighbours=2), "and not both"),
+        (lambda: dd.signals.Mobile(radius=1, hysteresis=-1), "hysteresis must be a number >= 0"),
+        (lambda: dd.signals.Mobile(neighbours=0), "neighbours must be a whole number >= 1"),
+        (lambda: dd.signals.Waypoints(times=[0, 1], positions=[[[0]]]), "with 2 times"),
+        (lambda: dd.signals.Waypoints(times=[1, 1], positions=[[[0]], [[1]]]), "times must increase"),
     ],
 )
 def test_a_wrong_signal_is_refused(make, message: str):
@@ -131,13 +135,13 @@ def test_a_wrong_signal_is_refused(make, message: str):
 @pytest.mark.parametrize(
     ("signal", "message"),
     [
-        (dd.Fixed(mode="d"), "mode must be one of"),
-        (dd.Periodic(dwell=[1, 2]), "one per mode; got 2"),
-        (dd.Markov(generator=[[-1, 1], [1, -1]]), "one per mode; got 2"),
-        (dd.RandomDwell(dwell=1e-9), "at most 1000000"),
-        (dd.Periodic(dwell=1e-9), "at most 1000000"),
-        (dd.Markov(generator=[[-1e9, 1e9, 0], [1e9, -1e9, 0], [0, 0, 0]]), "at most"),
-        (dd.Schedule(times=[0], modes=["z"]), "mode must be one of"),
+        (dd.signals.Fixed(mode="d"), "mode must be one of"),
+        (dd.signals.Periodic(dwell=[1, 2]), "one per mode; got 2"),
+        (dd.signals.Markov(generator=[[-1, 1], [1, -1]]), "one per mode; got 2"),
+        (dd.signals.RandomDwell(dwell=1e-9), "at most 1000000"),
+        (dd.signals.Periodic(dwell=1e-9), "at most 1000000"),
+        (dd.signals.Markov(generator=[[-1e9, 1e9, 0], [1e9, -1e9, 0], [0, 0, 0]]), "at most"),
+        (dd.signals.Schedule(times=[0], modes=["z"]), "mode must be one of"),
         (replace(CHAIN, start="z"), "mode must be one of"),
     ],
 )
@@ -152,38 +156,41 @@ def switched(section: dd.Switching | None, modes: str = "abc") -> dd.Problem:
 
 
 def test_sections_become_signals_and_what_was_chosen_is_said():
-    assert signal_of(switched(dd.Switching(signal="periodic", dwell=2))) == (dd.Periodic(dwell=2), None)
+    assert signal_of(switched(dd.Switching(signal="periodic", dwell=2))) == (dd.signals.Periodic(dwell=2), None)
     signal, remark = signal_of(switched(dd.Switching(signal="random")))
-    assert signal == dd.RandomDwell(dwell=0.5)
+    assert signal == dd.signals.RandomDwell(dwell=0.5)
     assert "switching.dwell is not given: 0.5 s" in remark
     signal, remark = signal_of(switched(dd.Switching(signal="markov", dwell="1/2")))
-    assert signal == dd.Markov(generator=[[-2, 1, 1], [1, -2, 1], [1, 1, -2]])
+    assert signal == dd.signals.Markov(generator=[[-2, 1, 1], [1, -2, 1], [1, 1, -2]])
     assert "equally likely" in remark
-    assert signal_of(switched(dd.Switching(signal="random"), "a"))[0] == dd.Fixed()
-    assert signal_of(switched(None, "a")) == (dd.Fixed(), None)
+    assert signal_of(switched(dd.Switching(signal="random"), "a"))[0] == dd.signals.Fixed()
+    assert signal_of(switched(None, "a")) == (dd.signals.Fixed(), None)
     assert "a is active throughout" in signal_of(switched(None))[1]
 
 
 @pytest.mark.parametrize(
     ("section", "signal"),
     [
-        (dd.Switching(signal="periodic", dwell=2, sequence=["c", "a"]), dd.Periodic(dwell=2, order=("c", "a"))),
-        (dd.Switching(signal="periodic", period=3), dd.Periodic(dwell=1)),
-        (dd.Switching(signal="periodic", period=3, sequence=["b", "a"]), dd.Periodic(dwell=1.5, order=("b", "a"))),
+        (dd.Switching(signal="periodic", dwell=2, sequence=["c", "a"]), dd.signals.Periodic(dwell=2, order=("c", "a"))),
+        (dd.Switching(signal="periodic", period=3), dd.signals.Periodic(dwell=1)),
+        (
+            dd.Switching(signal="periodic", period=3, sequence=["b", "a"]),
+            dd.signals.Periodic(dwell=1.5, order=("b", "a")),
+        ),
         (
             dd.Switching(signal="periodic", schedule=[[0, "b"], [0.5, "a"], [2, "b"]], period=3),
-            dd.Periodic(dwell=(0.5, 1.5, 1.0), order=("b", "a", "b")),
+            dd.signals.Periodic(dwell=(0.5, 1.5, 1.0), order=("b", "a", "b")),
         ),
         (
             dd.Switching(signal="markov", generator=[[-1, 1, 0], [0, -2, 2], ["1/4", "1/4", "-1/2"]]),
-            dd.Markov(generator=((-1, 1, 0), (0, -2, 2), (0.25, 0.25, -0.5))),
+            dd.signals.Markov(generator=((-1, 1, 0), (0, -2, 2), (0.25, 0.25, -0.5))),
         ),
         (
             dd.Switching(signal="schedule", schedule=[[0, "c"], ["5/2", "a"]]),
-            dd.Schedule(times=(0, 2.5), modes=("c", "a")),
+            dd.signals.Schedule(times=(0, 2.5), modes=("c", "a")),
         ),
-        (dd.Switching(signal="mobile", radius=2.5, hysteresis="1/4"), dd.Mobile(radius=2.5, hysteresis=0.25)),
-        (dd.Switching(signal="mobile", neighbours=1), dd.Mobile(neighbours=1)),
+        (dd.Switching(signal="mobile", radius=2.5, hysteresis="1/4"), dd.signals.Mobile(radius=2.5, hysteresis=0.25)),
+        (dd.Switching(signal="mobile", neighbours=1), dd.signals.Mobile(neighbours=1)),
     ],
     ids=str,
 )

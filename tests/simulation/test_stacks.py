@@ -48,23 +48,23 @@ def agree(problem: dd.Problem, stress: Stress, **given) -> None:
 @pytest.mark.parametrize("stress", [*CONTINUOUS.values(), *SAMPLED.values()], ids=[*CONTINUOUS, *SAMPLED])
 def test_every_stress_gives_the_runs_that_single_ones_give(stress: Stress):
     """Modes change within the time between two exchanges."""
-    agree(planar(), stress, signal=dd.RandomDwell(dwell=0.13 if stress.period else 0.07))
+    agree(planar(), stress, signal=dd.signals.RandomDwell(dwell=0.13 if stress.period else 0.07))
 
 
 @pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"])
 def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress):
-    agree(planar(), stress, signal=dd.Periodic(dwell=0.3), observer="off")
+    agree(planar(), stress, signal=dd.signals.Periodic(dwell=0.3), observer="off")
 
 
 @pytest.mark.parametrize("stress", [CONTINUOUS["lost"], SAMPLED["lost"]], ids=["continuous", "sampled"])
 def test_graphs_of_a_given_motion_are_shared(stress: Stress):
-    motion = dd.Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
-    agree(planar(), stress, signal=dd.Mobile(radius=1.5, motion=motion))
+    motion = dd.signals.Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
+    agree(planar(), stress, signal=dd.signals.Mobile(radius=1.5, motion=motion))
 
 
 def test_steep_couplings_that_overflow_end_where_single_runs_end():
     """exp(y) at a period of 0.4 s: some runs leave the floats, the others go on."""
-    agree(dd.load_problem("paper-switching"), Stress(period=0.4), signal=dd.Periodic(dwell=0.3))
+    agree(dd.load_problem("paper-switching"), Stress(period=0.4), signal=dd.signals.Periodic(dwell=0.3))
 
 
 def test_a_gain_for_the_sampled_observer_takes_its_place():
@@ -207,7 +207,7 @@ def test_the_noise_of_a_thousand_runs_spreads_as_its_recursion_says():
 
 @pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"])
 def test_chunks_and_their_number_make_no_difference(monkeypatch, stress: Stress):
-    given = {"runs": 5, "signal": dd.Periodic(dwell=0.3), "stress": stress, "t_final": 0.5, "samples": 4}
+    given = {"runs": 5, "signal": dd.signals.Periodic(dwell=0.3), "stress": stress, "t_final": 0.5, "samples": 4}
     whole = simulate_many(planar(), **given)
     monkeypatch.setattr(runs, "COLUMN_NUMBERS", 12)
     parts: list[float] = []
@@ -221,7 +221,7 @@ def test_chunks_and_their_number_make_no_difference(monkeypatch, stress: Stress)
 def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch):
     monkeypatch.setattr(stressed, "MOST_STEPS", 3)
     monkeypatch.setattr(stressed, "LEAST_STEPS", 1)
-    given = {"stress": CONTINUOUS["noise"], "t_final": 0.3, "samples": 4, "signal": dd.Periodic(dwell=0.2)}
+    given = {"stress": CONTINUOUS["noise"], "t_final": 0.3, "samples": 4, "signal": dd.signals.Periodic(dwell=0.2)}
     many = simulate_many(planar(), runs=2, **given)
     for k in range(2):
         assert np.array_equal(many.error[k], simulate(planar(), seed=k, **given).error())
@@ -230,7 +230,7 @@ def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        ({"signal": dd.Mobile(radius=1.0)}, "every run has graphs of its own"),
+        ({"signal": dd.signals.Mobile(radius=1.0)}, "every run has graphs of its own"),
         ({"gain": [[2e6, 0], [0, 1], [0, 0]]}, "the loop is stiff"),
     ],
 )
@@ -250,7 +250,7 @@ def test_too_many_exchanges_are_refused_before_anything_is_integrated(runs: int 
 @pytest.mark.slow
 def test_the_papers_example_under_everything_is_the_same_side_by_side():
     problem = dd.load_problem("paper-switching")
-    agree(problem, EVERYTHING, signal=dd.RandomDwell(dwell=0.5), t_final=3.0, runs=3, close=1e-6)
+    agree(problem, EVERYTHING, signal=dd.signals.RandomDwell(dwell=0.5), t_final=3.0, runs=3, close=1e-6)
 
 
 def test_an_observer_of_a_growing_disturbance_is_followed_through_the_noise():

@@ -107,7 +107,7 @@ def test_when_every_packet_is_lost_a_listener_feels_nothing():
 def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     modes = {"a": [[1, 2], [2, 3]], "b": [[3, 1], [2, 3]]}
     problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
-    setting = make_setting(problem, gain=None, stress=Stress(exchange=0.1), signal=dd.Periodic(dwell=0.15))
+    setting = make_setting(problem, gain=None, stress=Stress(exchange=0.1), signal=dd.signals.Periodic(dwell=0.15))
     switches, starts = switches_for(setting, 0), [setting.starts.draw(0)]
     given = {"groups": groups_for(setting, switches), "starts": starts, "seeds": [0], "switches": [switches]}
     runs = StressedRuns(setting=setting, **given)
@@ -155,7 +155,7 @@ def test_without_a_disturbance_its_frequency_does_nothing(more):
 
 @pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED], ids=["continuous", "sampled"])
 def test_everything_at_once_is_the_same_again_for_the_same_seed(stress: Stress):
-    problem, signal = dd.load_problem("paper-switching"), dd.RandomDwell(dwell=0.5)
+    problem, signal = dd.load_problem("paper-switching"), dd.signals.RandomDwell(dwell=0.5)
     runs = [simulate(problem, signal=signal, t_final=4, seed=seed, samples=41, stress=stress) for seed in (5, 5, 6)]
     assert np.array_equal(runs[0].x, runs[1].x)
     assert not np.array_equal(runs[0].x, runs[2].x)
@@ -170,7 +170,9 @@ def test_moving_agents_can_be_stressed(stress: Stress):
     network = dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=6)
     problem = dd.Problem(network=network, coupling="y", target=[0, 0], gains={"1": 1})
     start = np.random.default_rng(2).uniform(-1, 1, size=(6, 2))
-    run = simulate(problem, signal=dd.Mobile(radius=1.2, hysteresis=0.1), start=start, t_final=20, stress=stress)
+    run = simulate(
+        problem, signal=dd.signals.Mobile(radius=1.2, hysteresis=0.1), start=start, t_final=20, stress=stress
+    )
     assert len(run.switches) > 1
     assert run.final_error < 0.05
 
@@ -231,7 +233,7 @@ def test_a_mode_that_switches_within_a_period_is_seen_at_the_next_sample():
     """Modes "on" and "off" alternate every 0.15 s: samples at 0, 0.1 and 0.3 find "on", that at 0.2 finds "off"."""
     modes = {"on": [[1, 2]], "off": [[2, 3]]}
     problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
-    given = {"signal": dd.Periodic(dwell=0.15), "start": [[1], [0], [0]], "stress": Stress(period=0.1)}
+    given = {"signal": dd.signals.Periodic(dwell=0.15), "start": [[1], [0], [0]], "stress": Stress(period=0.1)}
     run = simulate(problem, t_final=0.4, samples=5, **given)
     wanted, x = [1.0], 1.0
     on = [True, True, False, True]

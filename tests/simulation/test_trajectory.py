@@ -122,19 +122,19 @@ def test_the_summary_counts_and_says_never_where_a_run_does_not_settle():
 
 
 def switching() -> dd.Trajectory:
-    return simulate(dd.load_problem("paper-switching"), signal=dd.Periodic(dwell=0.3), t_final=2, samples=9)
+    return simulate(dd.load_problem("paper-switching"), signal=dd.signals.Periodic(dwell=0.3), t_final=2, samples=9)
 
 
 def mobile() -> dd.Trajectory:
     network = dd.Network.from_arcs([["ä", "b c"]], arrow="listens_to", agents=["ä", "b c", "d"])
     problem = dd.Problem(network=network, coupling="-y", target=[0, 1], name="Ω")
-    return simulate(problem, signal=dd.Mobile(radius=1, hysteresis=0.1), t_final=40, samples=11)
+    return simulate(problem, signal=dd.signals.Mobile(radius=1, hysteresis=0.1), t_final=40, samples=11)
 
 
 def stressed() -> dd.Trajectory:
     stress = dd.Stress(noise=0.1, period=0.25, failures=(dd.Failure(agent="3", time=1.0, kind="freeze"),))
     return simulate(
-        dd.load_problem("paper-switching"), signal=dd.Periodic(dwell=0.3), t_final=2, samples=9, stress=stress
+        dd.load_problem("paper-switching"), signal=dd.signals.Periodic(dwell=0.3), t_final=2, samples=9, stress=stress
     )
 
 

@@ -90,7 +90,7 @@ class Program:
     """The code of an agent, compiled, with its recorded samples: mode (S,), heard (S, J, m), x (S, m)."""
 
     def __init__(self, problem: Any, folder: Path, *, period: str, precision: str) -> None:
-        self.code = dd.to_c(problem, period=period, precision=precision)
+        self.code = dd.export.to_c(problem, period=period, precision=precision)
         write_all(self.code.files, folder)
         (folder / "harness.c").write_text(HARNESS)
         command = ["gcc", *STRICT, *SANITIZED, "dobc_agent.c", "harness.c", "-o", "harness", "-lm"]

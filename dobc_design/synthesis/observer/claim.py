@@ -41,7 +41,8 @@ class HalfPlane(_Asked):
 
     HalfPlane(left_of=-2) asks for decay at the rate 2 or more, HalfPlane(right_of=-50) for none above 50.
     Example:
-        >>> design = dd.design_observer("paper-fixed", region=[dd.HalfPlane(left_of=-2), dd.Disk(centre=-4, radius=3)])
+        >>> wanted = [dd.poles.HalfPlane(left_of=-2), dd.poles.Disk(centre=-4, radius=3)]
+        >>> design = dd.design_observer("paper-fixed", region=wanted)
         >>> design.verdict.value
         'proved'
     """
@@ -207,7 +208,7 @@ def _read_regions(value: Any) -> tuple[SpectralRegion, ...]:
     for region in regions:
         if not isinstance(region, (HalfPlane, Disk, Cone)):
             text = f"region must be a HalfPlane, a Disk or a Cone, or a list of them; got {shown(region)}."
-            raise SpecError(text, key="region", cure="For example region=dd.Cone(damping=0.7).")
+            raise SpecError(text, key="region", cure="For example region=dd.poles.Cone(damping=0.7).")
     return regions
 
 

@@ -51,9 +51,9 @@ def poles(exosystem, W):
 
 def distance(region, spectrum) -> float:
     """How far the spectrum lies outside a region; negative inside."""
-    if isinstance(region, dd.Disk):
+    if isinstance(region, dd.poles.Disk):
         return np.max(np.abs(spectrum - float(region.centre))) - float(region.radius)
-    if isinstance(region, dd.Cone):
+    if isinstance(region, dd.poles.Cone):
         return np.max(spectrum.real + float(region.damping) * np.abs(spectrum))
     low, high = region.real_ends
     return float(low) - np.min(spectrum.real) if high is None else np.max(spectrum.real) - float(high)
@@ -112,10 +112,10 @@ def test_the_default_is_half_the_kalman_rate():
 @pytest.mark.parametrize(
     "region",
     [
-        dd.Cone(damping="0.8"),
-        dd.Disk(centre=-3, radius="2"),
-        [dd.HalfPlane(left_of=-1), dd.HalfPlane(right_of=-4)],
-        [dd.Cone(damping="1/2"), dd.Disk(centre=-2, radius=1), dd.HalfPlane(left_of="-3/2")],
+        dd.poles.Cone(damping="0.8"),
+        dd.poles.Disk(centre=-3, radius="2"),
+        [dd.poles.HalfPlane(left_of=-1), dd.poles.HalfPlane(right_of=-4)],
+        [dd.poles.Cone(damping="1/2"), dd.poles.Disk(centre=-2, radius=1), dd.poles.HalfPlane(left_of="-3/2")],
     ],
 )
 def test_regions_hold_for_the_rounded_gain(region):
@@ -132,7 +132,7 @@ def test_regions_hold_for_the_rounded_gain(region):
     ("exosystem", "asked", "reason"),
     [
         (dd.Exosystem(A=[[0, 2], [-2, 0]], C=[[0, 0]]), {"rate": 1}, "s^2 + 4"),
-        (SHAPES["ramp"], {"region": [dd.HalfPlane(left_of=-3), dd.Disk(centre=0, radius=2)]}, "no point"),
+        (SHAPES["ramp"], {"region": [dd.poles.HalfPlane(left_of=-3), dd.poles.Disk(centre=0, radius=2)]}, "no point"),
         (dd.Exosystem(A=[[0]], C=[[0]]), {"period": 1}, "not detectable"),
     ],
 )
@@ -158,7 +158,8 @@ def test_a_rate_beyond_a_hidden_mode_and_too_little_noise_are_refuted_and_the_ne
 def test_a_region_of_one_point_is_met_exactly():
     """Re s <= -2 and Re s >= -2 and an almost flat cone: (s + 2)^2, W = (4, 4)."""
     found = design(
-        SHAPES["ramp"], region=[dd.HalfPlane(left_of=-2), dd.HalfPlane(right_of=-2), dd.Cone(damping="0.999999")]
+        SHAPES["ramp"],
+        region=[dd.poles.HalfPlane(left_of=-2), dd.poles.HalfPlane(right_of=-2), dd.poles.Cone(damping="0.999999")],
     )
     assert found.verdict is Verdict.PROVED
     assert np.abs(poles(SHAPES["ramp"], found.W) + 2) == pytest.approx(0, abs=5e-3)
@@ -167,10 +168,10 @@ def test_a_region_of_one_point_is_met_exactly():
 @pytest.mark.parametrize(
     ("limit", "kind"),
     [
-        (dd.NoiseLimit(bound="2.2"), "inf"),
-        (dd.NoiseLimit(channel="exosystem", bound="0.9"), "inf"),
-        (dd.NoiseLimit(channel="disturbance", norm="h2", bound="1.1"), 2),
-        (dd.NoiseLimit(channel="exosystem", norm="h2", bound="0.6"), 2),
+        (dd.poles.NoiseLimit(bound="2.2"), "inf"),
+        (dd.poles.NoiseLimit(channel="exosystem", bound="0.9"), "inf"),
+        (dd.poles.NoiseLimit(channel="disturbance", norm="h2", bound="1.1"), 2),
+        (dd.poles.NoiseLimit(channel="exosystem", norm="h2", bound="0.6"), 2),
     ],
 )
 def test_bounds_on_norms_hold_by_python_control(limit, kind):

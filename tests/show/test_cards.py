@@ -32,7 +32,12 @@ def public() -> Iterator[object]:
     yield from (getattr(dd, name) for name in sorted({*dd.__all__, *dd._HOMES}) if name != "Designer")
     yield from (getattr(dd.exact, name) for name in dd.exact.__all__)
     modules = (dd.exosystems, dd.export, dd.poles, dd.signals)
-    yield from (value for each in modules for name, value in vars(each).items() if not name.startswith("_"))
+    own = ((name, value) for each in modules for name, value in list(vars(each).items()) if is_from(value, each))
+    yield from (value for name, value in own if not name.startswith("_"))
+
+
+def is_from(value: object, module: Any) -> bool:
+    return getattr(value, "__module__", None) == module.__name__
 
 
 def is_ours(each: type) -> bool:

@@ -31,13 +31,8 @@ def public() -> Iterator[object]:
     """All public names, those of the public modules included."""
     yield from (getattr(dd, name) for name in sorted({*dd.__all__, *dd._HOMES}) if name != "Designer")
     yield from (getattr(dd.exact, name) for name in dd.exact.__all__)
-    modules = (dd.exosystems, dd.export, dd.poles, dd.signals)
-    own = ((name, value) for each in modules for name, value in list(vars(each).items()) if is_from(value, each))
-    yield from (value for name, value in own if not name.startswith("_"))
-
-
-def is_from(value: object, module: Any) -> bool:
-    return getattr(value, "__module__", None) == module.__name__
+    yield from (value for name, value in vars(dd.exosystems).items() if not name.startswith("_"))
+    yield from (getattr(getattr(dd, home), name) for name, home in dd._MOVED.items() if home != "Certificate")
 
 
 def is_ours(each: type) -> bool:

@@ -147,7 +147,7 @@ class CCode(Shown):
     statements: tuple[Statement, ...]
     tolerance: float
 
-    def save(self, folder: str | PathLike[str], *, force: bool = False) -> list[Path]:
+    def save(self, folder: str | PathLike[str], *, force: bool = True) -> list[Path]:
         """Write the files into ``folder``.  Raises: SpecError if one of them is there already, unless ``force``."""
         target = Path(folder)
         check_free(target, force=force)

@@ -31,7 +31,7 @@ PACE = 20.0  # pictures per second
 COLOURS = {"blue": BLUE, "grid": GRID, "ink": INK, "muted": MUTED, "paper": PAPER, "goal": VERMILLION}
 
 
-def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bool = False) -> Path:
+def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bool = True) -> Path:
     """Write ``path``: .html or .gif.  ``arcs``: (listener, speaker) by mode, where the run has no graphs of its own.
     Raises: SpecError for another ending, a network that is too large, or a GIF without Pillow."""
     kind = path.suffix.lower()

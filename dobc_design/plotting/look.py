@@ -102,7 +102,7 @@ class Sheet:
             self.figure.savefig(buffer, format=kind, dpi=DOTS, facecolor="white", metadata=NOTHING[kind])
         return buffer.getvalue()
 
-    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+    def save(self, path: str | PathLike[str], *, force: bool = True) -> Path:
         """Write the figure to ``path``, .png, .svg or .pdf.  Raises: SpecError."""
         place = Path(path)
         kind = place.suffix.lower().removeprefix(".")

@@ -128,7 +128,7 @@ class Ensemble(measures.Simulated):
             "probability_of_divergence": measures.proportion_interval(bad, len(self), confidence),
         }
 
-    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+    def save(self, path: str | PathLike[str], *, force: bool = True) -> Path:
         """Write the arrays to ``path``, an .npz file for ``numpy.load``.  Raises: SpecError."""
         words = ("name", "mode", "labels", "t_final", "notes", "signal", "method", "observer", "stress")
         facts = {name: getattr(self, name) for name in words} | {"format": "dobc-ensemble", "version": 1}

@@ -174,7 +174,7 @@ class Trajectory(Simulated):
         path: str | PathLike[str],
         *,
         arcs: Mapping[str, Sequence[tuple[int, int]]] | None = None,
-        force: bool = False,
+        force: bool = True,
     ) -> Path:
         """Write the moving network to ``path``: .html, which needs no network, or .gif (needs Pillow).
 
@@ -204,10 +204,10 @@ class Trajectory(Simulated):
         frame = pd.DataFrame(columns, index=pd.Index(self.times, name="time"))
         return frame.rename_axis(columns=["quantity", "agent", "component"])
 
-    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+    def save(self, path: str | PathLike[str], *, force: bool = True) -> Path:
         """Write all of it to ``path``, an .npz file, which ``load_trajectory`` reads.
 
-        Raises: SpecError for another ending, or for a file that is there already, unless ``force``.
+        Raises: SpecError for another ending, or for a file that is there already where not ``force``.
         """
         place, switches = Path(path), self.switches
         if place.suffix.lower() != ".npz":

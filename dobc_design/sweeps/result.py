@@ -265,7 +265,7 @@ class SweepResult(Shown):
         table = pd.DataFrame(self.rows, columns=list(columns))
         return table.astype({name: DTYPES[kind] for name, kind in columns.items()})
 
-    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+    def save(self, path: str | PathLike[str], *, force: bool = True) -> Path:
         """Write the rows to ``path``: .csv, .jsonl, or .parquet (needs dobc_design[store]).  Raises: SpecError."""
         target = Path(path)
         suffix = target.suffix.lower()

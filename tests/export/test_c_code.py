@@ -342,8 +342,8 @@ def test_the_folder_is_not_overwritten_unless_forced(tmp_path):
     found = dd.export.to_c("paper-fixed", period="1/50", agents=["1"])
     assert [path.name for path in found.save(tmp_path / "code")] == list(FILES)
     with pytest.raises(SpecError, match="exists already"):
-        found.save(tmp_path / "code")
-    found.save(tmp_path / "code", force=True)
+        found.save(tmp_path / "code", force=False)
+    found.save(tmp_path / "code")
     (tmp_path / "file").write_text("")
     with pytest.raises(SpecError, match="not a folder"):
         found.save(tmp_path / "file")

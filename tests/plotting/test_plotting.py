@@ -226,7 +226,7 @@ def test_a_figure_shows_itself_and_is_saved_by_its_ending(switched, tmp_path):
     for kind, head in (("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")):
         assert sheet.save(tmp_path / f"run.{kind}").read_bytes().startswith(head)
     with pytest.raises(SpecError, match="exists already"):
-        sheet.save(tmp_path / "run.png")
+        sheet.save(tmp_path / "run.png", force=False)
     with pytest.raises(SpecError, match=r"saved as \.png, \.svg or \.pdf"):
         sheet.save(tmp_path / "run.bmp")
 
@@ -297,7 +297,7 @@ def test_a_gif_has_the_frames_and_other_endings_are_refused(swarm, tmp_path):
         assert picture.n_frames == len(swarm.times)
     assert swarm.animate(tmp_path / "run.html").read_text("utf-8") == animation_page(swarm)
     with pytest.raises(SpecError, match="exists already"):
-        swarm.animate(tmp_path / "run.html")
+        swarm.animate(tmp_path / "run.html", force=False)
     with pytest.raises(SpecError, match=r"saved as \.html or \.gif"):
         swarm.animate(tmp_path / "run.mp4")
 

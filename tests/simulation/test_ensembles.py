@@ -138,8 +138,8 @@ def test_an_ensemble_is_saved_whole_and_not_overwritten(tmp_path):
         assert np.array_equal(stored["error"], many.error)
         assert json.loads(str(stored["about"]))["name"] == "paper-fixed"
     with pytest.raises(SpecError, match="exists already"):
-        many.save(path)
-    many.save(path, force=True)
+        many.save(path, force=False)
+    many.save(path)
     assert [each.name for each in tmp_path.iterdir()] == ["runs.npz"]
 
 

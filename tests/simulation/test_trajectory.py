@@ -192,9 +192,9 @@ def test_files_are_not_overwritten_unless_asked(tmp_path):
     path = run.save(tmp_path / "run.npz")
     before = path.read_bytes()
     with pytest.raises(SpecError, match="exists already"):
-        mobile().save(path)
+        mobile().save(path, force=False)
     assert path.read_bytes() == before
-    mobile().save(path, force=True)
+    mobile().save(path)
     assert dd.load_trajectory(path).name == "Ω"
     assert [each.name for each in tmp_path.iterdir()] == ["run.npz"]
 

@@ -51,8 +51,8 @@ def test_a_table_is_not_overwritten_and_has_a_known_ending(tmp_path):
     result = made(GRID, tmp_path)
     result.save(tmp_path / "r.csv")
     with pytest.raises(SpecError, match="exists already"):
-        result.save(tmp_path / "r.csv")
-    result.save(tmp_path / "r.csv", force=True)
+        result.save(tmp_path / "r.csv", force=False)
+    result.save(tmp_path / "r.csv")
     with pytest.raises(SpecError, match=r"saved as .csv, .jsonl, .parquet"):
         result.save(tmp_path / "r.xls")
 

@@ -16,7 +16,6 @@ from dobc_design._show.text import lower
 from dobc_design.plotting import look
 from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, VERMILLION, Sheet, short
 
-Regions = RegionClaim = AgentBound = Any  # the nouns of certificate/, which draws itself here
 
 ALONE: Final = 5.2  # inches, of one drawing in a file
 MOST_STARTS: Final = 24  # agents
@@ -30,7 +29,7 @@ def name_rows(ax: Axes, names: Sequence[str]) -> None:
     ax.grid(visible=False, axis="y")
 
 
-def plot_regions(ax: Axes, regions: Regions) -> Axes:
+def plot_regions(ax: Axes, regions: Any) -> Axes:
     """One row per method: the |e|_inf that it proves for all agents at once, and for one agent alone.
 
     The dashed line is what was asked for.  Sizes in the unit of the states.
@@ -56,7 +55,7 @@ def plot_regions(ax: Axes, regions: Regions) -> Axes:
     return look.legend_above(ax, least=1)
 
 
-def _draw_reach(ax: Axes, row: int, claim: RegionClaim, reach: float) -> None:
+def _draw_reach(ax: Axes, row: int, claim: Any, reach: float) -> None:
     """The bar of one method; where there is no radius, words in its place."""
     begin, colour, ground = reach * 0.02, MUTED, PAPER
     note = "nothing proved" if claim.kind == "none" else claim.starts
@@ -77,13 +76,13 @@ def _draw_reach(ax: Axes, row: int, claim: RegionClaim, reach: float) -> None:
     text.set_zorder(4)
 
 
-def drawn_agents(regions: Regions) -> list[AgentBound]:
+def drawn_agents(regions: Any) -> list[Any]:
     """The agents whose starts are drawn."""
     pinned = {place for place, agent in enumerate(regions.agents) if agent.pinned}
     return [regions.agents[place] for place in look.shown_agents(len(regions.agents), pinned, MOST_STARTS)]
 
 
-def plot_starts(ax: Axes, regions: Regions) -> Axes:
+def plot_starts(ax: Axes, regions: Any) -> Axes:
     """From where each agent may start, all at once: a bar around its goal, pinned agents in blue.  Bars are in the unit
     of x, around the goals; with several state components they show the error, around 0.  The band is what was asked
     for.  At most 24 agents are drawn."""
@@ -116,12 +115,12 @@ def plot_starts(ax: Axes, regions: Regions) -> Axes:
     return look.legend_above(ax, widest=4, least=1)
 
 
-def height_of(regions: Regions) -> float:
+def height_of(regions: Any) -> float:
     """Inches; every method has its row."""
     return max(2.9, 1.1 + 0.42 * len(regions.claims))
 
 
-def region_sheet(regions: Regions) -> Sheet:
+def region_sheet(regions: Any) -> Sheet:
     """Both pictures side by side, to be shown in a notebook or saved."""
     plots = [plot_regions, plot_starts] if regions.agents else [plot_regions]
     return side_by_side(regions.name, [partial(plot, regions=regions) for plot in plots], height_of(regions) + 0.3)

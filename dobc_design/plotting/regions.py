@@ -16,7 +16,6 @@ from dobc_design._show.text import lower
 from dobc_design.plotting import look
 from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, VERMILLION, Sheet, short
 
-
 ALONE: Final = 5.2  # inches, of one drawing in a file
 MOST_STARTS: Final = 24  # agents
 _LONGEST: Final = 18  # letters of a line of a method's name

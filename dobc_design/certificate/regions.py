@@ -67,7 +67,6 @@ class RegionClaim:
     limit: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object."""
         return {**asdict(self), "verdict": self.verdict.value}
 
 

@@ -127,7 +127,6 @@ class _Bar(output.Progress):
     """Progress on standard error: a bar on a terminal; with --verbose ten lines or so; else nothing."""
 
     def begin(self, console: Console) -> Any:
-        """A bar with the counts and the time left."""
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
         bar = Progress(BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), console=console)
@@ -135,7 +134,6 @@ class _Bar(output.Progress):
         return bar
 
     def stage(self, state: State) -> None:
-        """Show where the sweep stands."""
         tenth = (state.done * 10) // state.total
         if self.moving is not None:
             failed = f", {state.failed} failed" if state.failed else ""

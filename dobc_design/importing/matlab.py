@@ -275,7 +275,6 @@ def _gains(k: Any, labels: Sequence[str]) -> Any:
 
 
 def _texts(value: Any, key: str, *, count: int) -> list[str] | None:
-    """A cell array of text, or the rows of a character matrix."""
     texts = None if value is None else _all_texts(value, key)
     if texts is not None and len(texts) != count:
         raise wrong(key, f"must hold {count} texts; got {len(texts)}.", "A cell array of text.")

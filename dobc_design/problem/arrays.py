@@ -51,7 +51,6 @@ def require_floats(problem: Problem) -> Problem:
 
 
 def _flat(numbers: Any) -> Iterator[Any]:
-    """The numbers in nested tuples."""
     return chain.from_iterable(map(_flat, numbers)) if isinstance(numbers, (list, tuple)) else iter((numbers,))
 
 

@@ -176,7 +176,6 @@ def renamed(error: SpecError, number: int) -> SpecError:
 
 
 def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]) -> dict[str, int]:
-    """The number of the group of each agent that is in one."""
     known, owner = set(labels), dict[str, int]()
     for number, group in enumerate(groups):
         for place, label in enumerate(group.agents):

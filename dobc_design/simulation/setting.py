@@ -204,7 +204,6 @@ class Starts:
     own: NDArray[np.bool_] | None = None
 
     def draw(self, seed: int) -> Start:
-        """The start of the run with this seed."""
         rng = np.random.default_rng(seed)
         x, xi = self.x, self.xi
         if x is None:

@@ -261,7 +261,6 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
 
 
 def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
-    """One round in a given time: equal stays, or those of a schedule."""
     whole = own.period or Fraction(0)
     if own.schedule is None:
         return Periodic(dwell=_float(whole / len(own.sequence or names), "switching.period"), order=own.sequence)

@@ -277,7 +277,6 @@ def _require_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
 
 
 def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
-    """The trajectory, if what the file says makes sense.  Raises: UnfitError."""
     known = isinstance(facts, dict) and facts.get("format") == FORMAT and facts.get("version") == VERSION
     require(known, f'it must say "format": "{FORMAT}", version {VERSION}')
     given: dict[str, Any] = {name: facts[name] for name in PLAIN if name in facts}

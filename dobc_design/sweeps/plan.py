@@ -85,7 +85,6 @@ class Task:
         return COLUMNS[self.kind]
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object."""
         own = {"everything": self.everything} if self.kind == "certify" else {"runs": self.runs}
         return {"kind": self.kind, **own}
 
@@ -95,7 +94,6 @@ class Task:
         from dobc_design.simulation import runs  # noqa: F401 - likewise
 
     def run(self, problem: Problem) -> dict[str, Any]:
-        """Do it and return the columns."""
         if self.kind == "certify":
             from dobc_design.certification.certify import certify
 
@@ -184,7 +182,6 @@ class Plan:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of ``document``, as hexadecimal text."""
         text = json.dumps(self.document, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
         return hashlib.sha256(text.encode("utf-8")).hexdigest()
 

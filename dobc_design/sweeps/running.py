@@ -63,7 +63,6 @@ class State:
 
     @property
     def time_left(self) -> str:
-        """The time left in words."""
         if self.done == self.total:
             return f"finished after {duration(self.elapsed)}"
         if self.left is None:
@@ -352,7 +351,6 @@ class Clock:
         self.count, self.total, self.squares = 0, 0.0, 0.0
 
     def add(self, seconds: float) -> None:
-        """One case took so long."""
         self.count, self.total, self.squares = self.count + 1, self.total + seconds, self.squares + seconds**2
 
     def left(self, ahead: int, *, elapsed: float) -> tuple[float, float] | None:

@@ -75,7 +75,6 @@ class Lure:
         return "identity" if len(values) == 1 else "diagonal"
 
     def to_json(self) -> dict[str, Any]:
-        """The exact values of a proved check."""
         texts = [[[[number_text(x.lo), number_text(x.hi)] for x in row] for row in r.entries] for r in self.ranges]
         pairs = zip(self.ranges, texts, strict=True)
         values: dict[str, Any] = {

@@ -259,7 +259,6 @@ class _Point:
 
     @property
     def scalars(self) -> list[float]:
-        """The scalars of the programs, in their order."""
         return [*self.t.tolist(), *([] if self.kappa is None else [self.kappa])]
 
 

@@ -58,7 +58,6 @@ class Channel:
 
     @property
     def centre(self) -> Fraction:
-        """The middle gain."""
         return (self.low + self.high) / 2
 
     @property
@@ -76,7 +75,6 @@ class Sectors:
 
     @property
     def size(self) -> int:
-        """Rows of e, n m."""
         return self.problem.n * self.problem.m
 
 

@@ -284,7 +284,6 @@ class Choice:
         return sorted(agents for agents, cost in self._met.items() if agents != self.agents and cost <= most)
 
     def statement(self) -> Statement:
-        """What is proved of all sets of so many agents."""
         if self.impossible:
             several = f"no {self.pins} of the allowed agents reach"
             none = "none of the allowed agents alone reaches" if self.pins == 1 else several

@@ -14,7 +14,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Self, cast
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Told
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, float_below, number_text, root_above, root_below, to_fmpq
@@ -157,7 +157,7 @@ class UndefinedError(ArithmeticError):
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Interval(Shown):
+class Interval(Told):
     """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.  Raises: SpecError if
     lo > hi or an end is not an int or Fraction."""
 
@@ -257,9 +257,6 @@ class Interval(Shown):
     def floats(self) -> tuple[float, float]:
         """Return (largest float <= lo, smallest float >= hi)."""
         return float_below(self.lo), float_above(self.hi)
-
-    def _card(self) -> Card:
-        return Card(title="Interval", text=str(self))
 
     def __str__(self) -> str:
         return f"[{_brief(self.lo)}, {_brief(self.hi)}]"

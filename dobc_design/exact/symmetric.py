@@ -60,6 +60,13 @@ class SparseSymmetric(Shown):
             rows[i][j] = rows[j][i] = value
         return tuple(tuple(row) for row in rows)
 
+    def rows(self) -> list[dict[int, Fraction]]:
+        """Return the entries of every row by column, both triangles."""
+        rows: list[dict[int, Fraction]] = [{} for _ in range(self.size)]
+        for (i, j), value in self.entries.items():
+            rows[i][j] = rows[j][i] = value
+        return rows
+
     def diagonal(self) -> list[Fraction]:
         return [self.entries.get((i, i), Fraction(0)) for i in range(self.size)]
 

@@ -80,9 +80,7 @@ class Recorder:
         run = self.run(controller)
         agent = next((each for each in controller.agents if any(map(any, each.gain))), controller.agents[0])
         i, others, names = agent.index, list(agent.neighbours), list(controller.problem.network.modes)
-        modes = np.zeros(len(run.times), dtype=np.int64)
-        if run.switches is not None:
-            modes = np.array([names.index(name) for name in run.switches.names])[run.switches.at(run.times)]
+        modes = np.array([names.index(name) for name in run.switches.names])[run.mode_index]
         heard = run.x[:, others] - run.goal[others]
         u, own = run.u[:, i], {"x": run.x[:, i], "dhat": run.dhat[:, i], "xihat": run.xihat[:, i, controller.states]}
         bare = Recorded(agent=agent, modes=modes, heard=heard, u=u, v=u, **own)

@@ -251,7 +251,7 @@ def to_control(
         message = "signal must not depend on the states, because python-control keeps no graph between calls."
         raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
     settings = problem.simulation
-    seed, horizon = settings.seed if seed is None else seed, float(settings.horizon)
+    seed, horizon = settings.seed if seed is None else seed, float(settings.t_final)
     return run(problem, mode=mode, signal=signal, horizon=horizon, seed=seed, gain=observer_gain(problem))
 
 

@@ -16,9 +16,10 @@ from scipy.sparse.csgraph import connected_components
 from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import Constant, postorder
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.exact.number import number_key
+from dobc_design.exact.reading import shown
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.network import Arcs, IndexArray
 from dobc_design.problem.problem import Problem
@@ -180,13 +181,16 @@ class ArcGroup:
 def chosen_mode(problem: Problem, mode: str | None) -> str:
     """Return ``mode`` if the problem has it, its first mode for None.  Raises: SpecError."""
     names = tuple(problem.network.modes)
-    if mode is None:
-        return names[0]
+    return names[0 if mode is None else mode_index(mode, names)]
+
+
+def mode_index(mode: str, names: Sequence[str]) -> int:
+    """The index of a mode.  Raises: SpecError if there is no such mode."""
     if mode not in names:
         known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        what = f"must be one of the problem's modes ({known}); got {str(mode)[:60]!r}."
+        what = f"must be one of the problem's modes ({known}); got {shown(mode)}."
         raise wrong("mode", what, "Leave it out for the first one.")
-    return mode
+    return names.index(mode)
 
 
 def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
@@ -216,11 +220,8 @@ def required_gain(problem: Problem, gain: Gain | None) -> Array:
     if W is not None:
         return to_float(W)
     if problem.groups:
-        raise SpecError(
-            f'observer.W must be known to build the observer (13); problem "{problem.name}" has an exosystem but no W.',
-            key="observer.W",
-            cure="Give W in [observer], or design one and hand it over as gain=W.",
-        )
+        what = f'must be known to build the observer (13); problem "{problem.name}" has an exosystem but no W.'
+        raise wrong("observer.W", what, "Give W in [observer], or design one and hand it over as gain=W.")
     return np.zeros((0, problem.m))
 
 

@@ -115,11 +115,6 @@ class Simulation:
     xi0: Rows | None
     x0: Rows | None = None
 
-    @property
-    def horizon(self) -> float:
-        """``t_final`` as a float, in s."""
-        return float(self.t_final)
-
 
 def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
     """Read the [simulation] table; ``orders``: that of the exosystem, or n of them where agents have different ones."""

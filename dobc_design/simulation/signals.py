@@ -16,7 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.reading import counted, is_list
 from dobc_design.problem.arrays import Array
@@ -183,7 +183,7 @@ class Waypoints(Shown):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Mobile(Shown):
+class Mobile(Told):
     """Who is near enough is heard: all agents within ``radius``, or the ``neighbours`` nearest ones.
 
     ``hysteresis`` >= 0, a distance: a link within the radius is kept up to radius + hysteresis; one of the nearest
@@ -206,9 +206,6 @@ class Mobile(Shown):
         if self.neighbours is not None:
             put(self, neighbours=whole(self.neighbours, "neighbours", least=1))
         put(self, hysteresis=not_negative(self.hysteresis, "hysteresis"))
-
-    def _card(self) -> Card:
-        return Card(title="Mobile", text=str(self))
 
     def __str__(self) -> str:
         near = f"within {self.radius:g}" if self.radius is not None else f"{self.neighbours} nearest"

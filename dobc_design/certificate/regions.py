@@ -318,10 +318,8 @@ class _Gatherer:
                     continue
             except UndefinedError:
                 return ""
-            return (
-                f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
-                f" h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
-            )
+            far = f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
+            return f"{far} h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
         return ""
 
 

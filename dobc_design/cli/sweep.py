@@ -71,15 +71,9 @@ def sweep_command(
             resumed[:] = [state.resumed]
             show(state)
 
-        options: dict[str, Any] = {
-            "task": task,
-            "samples": samples,
-            "seed": seed,
-            "runs": runs,
-            "everything": everything,
-        }
+        options: dict[str, Any] = {"task": task, "samples": samples, "seed": seed, "everything": everything}
         how: dict[str, Any] = {"jobs": jobs, "cluster": cluster, "time_limit": time_limit, "force": force}
-        result = sweep(file, axes, out=folder, progress=progress, **options, **how)
+        result = sweep(file, axes, runs=runs, out=folder, progress=progress, **options, **how)
     tables = (folder / name for name in ("results.csv", "results.parquet"))
     files = [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
     with suppress(SpecError):  # nothing numeric was varied or found

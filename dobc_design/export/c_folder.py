@@ -44,9 +44,7 @@ class Recorder:
         self, *, gain: Gain | None = None, sampled_gain: Gain | None = None, signal: Signal | None = None
     ) -> None:
         self.gain, self.signal = gain, None if isinstance(signal, Mobile) else signal
-        self.sampled = (
-            None if sampled_gain is None else tuple(tuple(float(entry) for entry in row) for row in sampled_gain)
-        )
+        self.sampled = None if sampled_gain is None else tuple(tuple(map(float, row)) for row in sampled_gain)
         self.last: tuple[Fraction, Trajectory] | None = None
 
     def objection(self, controller: Controller) -> str:

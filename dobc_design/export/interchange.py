@@ -69,11 +69,9 @@ def to_c(
         raise SpecError(message, key="certificate", cure="Certify this problem.")
     gains = {"gain": observer_gain(problem) if claims is None else claims.W, "sampled_gain": sampled_gain}
     recorder = Recorder(**gains, signal=signal_of(problem)[0])
-    given: dict[str, Any] = {
-        "agents": [agents] if isinstance(agents, (str, int)) else agents,
-        "objection": recorder.objection,
-    }
-    controller = make_controller(problem, period=period, precision=precision, **gains, **given)
+    chosen: Any = [agents] if isinstance(agents, (str, int)) else agents
+    given: dict[str, Any] = gains | {"agents": chosen, "objection": recorder.objection}
+    controller = make_controller(problem, period=period, precision=precision, **given)
     certified = None if claims is None else certified_sampling(problem, claims, controller.period)
     return c_code(controller, recorder.recorded(controller), certified=certified)
 

@@ -20,7 +20,7 @@ from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.exact.number import number_key
 from dobc_design.exact.reading import shown
-from dobc_design.problem.groups import group_numbers
+from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import Arcs, IndexArray
 from dobc_design.problem.problem import Problem
 
@@ -39,9 +39,8 @@ def require_floats(problem: Problem) -> Problem:
         "region": () if region is None else (region.initial_states, region.initial_disturbance or 0),
         "simulation": (start.x0 or (), start.xi0 or ()),
     }
-    parts |= {
-        f"network.modes.{mode}": distinct_weights(arcs.weights)[1] for mode, arcs in problem.network.modes.items()
-    }
+    modes = problem.network.modes.items()
+    parts |= {f"network.modes.{mode}": distinct_weights(arcs.weights)[1] for mode, arcs in modes}
     parts |= {f"pinning.gains.{labels[agent]}": gain for agent, gain in problem.pinning.gains.items()}
     parts |= {f"formation.offsets.{labels[agent]}": offset for agent, offset in problem.offsets.items()}
     for key, numbers in parts.items():
@@ -128,11 +127,6 @@ def _ends(arcs: Iterable[Arcs]) -> tuple[IndexArray, IndexArray]:
     """Listeners and speakers of the arcs of several modes together."""
     chosen, none = list(arcs), np.zeros(0, dtype=np.int64)
     return np.concatenate([none, *(a.listeners for a in chosen)]), np.concatenate([none, *(a.speakers for a in chosen)])
-
-
-def unreached_in_union(problem: Problem) -> tuple[int, ...]:
-    """Agents that no pinned agent reaches even when the arcs of all modes are put together."""
-    return unreached(problem, problem.network.modes.values())
 
 
 def closed_groups(problem: Problem, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
@@ -234,21 +228,15 @@ def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
     n, m, q = problem.n, problem.m, problem.q
     numbers = np.array(group_numbers(problem.groups, problem.network.labels))
     A, F, C, gains = np.zeros((q, q)), np.zeros((q, q)), np.zeros((m, q)), np.zeros((n, q, m))
-    own, rest, before = np.zeros((n, q), dtype=bool), W.copy(), 0
-    for g, group in enumerate(problem.groups):
-        rows, columns = slice(before, before + group.exosystem.order), slice(g * m, (g + 1) * m)
-        system, block = group.exosystem, W[rows, columns]
+    own, before = np.zeros((n, q), dtype=bool), 0
+    for g, exact in enumerate(gains_of(problem.groups, chosen_gain(problem, gain) or ())):
+        system, block = problem.groups[g].exosystem, to_float(exact)
+        rows = slice(before, before + system.order)
         A[rows, rows], C[:, rows] = to_float(system.A), to_float(system.C)
         F[rows, rows] = A[rows, rows] - block @ C[:, rows]
         gains[numbers == g, rows] = block
         own[numbers == g, rows] = True
-        rest[rows, columns], before = 0.0, rows.stop
-    if rest.any():
-        what = (
-            "must be block diagonal, with one block per group of agents, because no agent feels the disturbance"
-            " of another group."
-        )
-        raise wrong("gain", what, "Set the entries outside of the blocks to 0.")
+        before = rows.stop
     return Disturbance(A=A, C=C, F=F, W=gains, own=own)
 
 

@@ -404,16 +404,12 @@ def switches_for(setting: Setting, seed: int) -> Switches:
     return scheduled_switches(signal, tuple(setting.problem.network.modes), setting.horizon, seed)
 
 
-def groups_for(setting: Setting, switches: Switches) -> Callable[[int], Sequence[ArcGroup]]:
+def groups_for(setting: Setting, switches: Switches, mode: int) -> Sequence[ArcGroup]:
     """The arcs of a mode by its index: the problem's own, or those of a mobile graph."""
-
-    def groups(mode: int) -> Sequence[ArcGroup]:
-        if switches.graphs:
-            listeners, speakers = switches.graphs[mode]
-            return groups_of(setting.problem, listeners * setting.problem.n + speakers)
-        return setting.groups(switches.names[mode])
-
-    return groups
+    if switches.graphs:
+        listeners, speakers = switches.graphs[mode]
+        return groups_of(setting.problem, listeners * setting.problem.n + speakers)
+    return setting.groups(switches.names[mode])
 
 
 def describe(signal: Signal, problem: Problem) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 
 from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.errors import ShapeError, SpecError, wrong
+from dobc_design.exact.number import nearest
 from dobc_design.exact.reading import counted, is_list
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.problem import Problem
@@ -268,10 +269,7 @@ def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
 
 def _float(value: Fraction, key: str) -> float:
     """Raises: SpecError for a number beyond the range of floats."""
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
+    number = nearest(value)
     if math.isinf(number) or (number == 0 and value):
         raise wrong(key, "is beyond the range of floats.", "Choose other units.")
     return number

@@ -119,11 +119,9 @@ def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Frac
         for listener, speaker, weight in arcs:
             entries = table.get(problem.coupling_place(listener, speaker))
             if entries is None or [len(row) for row in entries] != [m] * m:
-                what = (
-                    f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m}) at the"
-                )
+                what = f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m})"
                 cure = "Make them with enclose_ranges, with the same radius."
-                raise SpecError(f"{what} radius {radius}.", key="ranges", cure=cure)
+                raise SpecError(f"{what} at the radius {radius}.", key="ranges", cure=cure)
             own, other = listener * m, speaker * m
             channels += [
                 Channel(target=own + c, plus=other + d, minus=own + d, low=weight * gain.lo, high=weight * gain.hi)

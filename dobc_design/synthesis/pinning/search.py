@@ -40,7 +40,6 @@ from dobc_design.synthesis.pinning.claim import (
     PinningDesign,
     PinningRequest,
     Structure,
-    cost_of,
     prices_in_words,
     rounded_up,
     typed_gains,
@@ -202,7 +201,8 @@ def _designed(
 def _with_gains(
     request: PinningRequest, structure: Structure, gains: Gains, held: Problem, over: str = ""
 ) -> PinningDesign:
-    named, cost = {held.network.labels[i]: k for i, k in gains.items()}, cost_of(request, gains)
+    named = {held.network.labels[i]: k for i, k in gains.items()}
+    cost = sum((request.costs[i] * k for i, k in gains.items()), Fraction(0))
     return PinningDesign(
         verdict=Verdict.PROVED,
         request=request,

@@ -67,7 +67,6 @@ class RegionClaim:
     limit: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object."""
         return {**asdict(self), "verdict": self.verdict.value}
 
 
@@ -319,10 +318,8 @@ class _Gatherer:
                     continue
             except UndefinedError:
                 return ""
-            return (
-                f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
-                f" h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
-            )
+            far = f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
+            return f"{far} h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
         return ""
 
 

@@ -173,7 +173,7 @@ class _Search:
         """Gradient ascent from the worst starts, each in the mode that it began in; simulated again."""
         worst = np.argsort(-self.badness(runs), kind="stable")[:count]
         rows, q, modes = len(runs.e), self.arena.loop.q, runs.signals.modes[worst, 0]
-        objective = final_error(rows) if self.level is None else final_level(self.level, rows, q)
+        objective = partial(final_error, rows) if self.level is None else partial(final_level, self.level, rows, q)
         flows = {mode: self.flow(mode) for mode in dict.fromkeys(modes.tolist())}
         found = [
             ascend(flows[mode], self.starts, (runs.e[:, run], runs.eps[:, :, run]), objective)
@@ -303,30 +303,22 @@ class _Search:
         return min(rates, default=None)
 
 
-def final_error(rows: int) -> Objective:
+def final_error(rows: int, end: Array) -> tuple[float, Array]:
     """Log of |e| at the end and its gradient by the state; ``rows`` numbers of the state are e."""
-
-    def objective(end: Array) -> tuple[float, Array]:
-        size = float(np.linalg.norm(end[:rows]))
-        weight = np.zeros_like(end)
-        weight[:rows] = end[:rows] / max(size, 1e-300) ** 2
-        return float(np.log(max(size, 1e-300))), weight
-
-    return objective
+    size = float(np.linalg.norm(end[:rows]))
+    weight = np.zeros_like(end)
+    weight[:rows] = end[:rows] / max(size, 1e-300) ** 2
+    return float(np.log(max(size, 1e-300))), weight
 
 
-def final_level(level: Level, rows: int, q: int) -> Objective:
+def final_level(level: Level, rows: int, q: int, end: Array) -> tuple[float, Array]:
     """Log of V at the end and a (sub)gradient."""
-
-    def objective(end: Array) -> tuple[float, Array]:
-        e, eps = end[:rows], end[rows:].reshape(-1, q) if q else np.zeros((1, 0))
-        size = float(level.value(e[:, None], eps[:, :, None])[0])
-        if not size > 0:
-            return -np.inf, np.zeros_like(end)
-        along, along_eps = level.gradient(e, eps)
-        return float(np.log(size)), np.concatenate([along, along_eps.ravel() if q else []]) / size
-
-    return objective
+    e, eps = end[:rows], end[rows:].reshape(-1, q) if q else np.zeros((1, 0))
+    size = float(level.value(e[:, None], eps[:, :, None])[0])
+    if not size > 0:
+        return -np.inf, np.zeros_like(end)
+    along, along_eps = level.gradient(e, eps)
+    return float(np.log(size)), np.concatenate([along, along_eps.ravel() if q else []]) / size
 
 
 def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> Pair:

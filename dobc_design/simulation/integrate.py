@@ -239,7 +239,6 @@ class Integration:
 
 
 def _stepped(solver: Any) -> bool:
-    """Advance by one accepted step; False if that is impossible."""
     try:
         solver.step()
     except (RuntimeError, ValueError, np.linalg.LinAlgError):  # the implicit method met a Jacobian that is not finite

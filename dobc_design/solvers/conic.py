@@ -116,17 +116,9 @@ def _read(answer: Any, size: int) -> ConeAnswer:
 
 def svec(matrix: Any) -> Array:
     """The upper triangle (n (n + 1)/2,) of a NumPy or SciPy array (n, n), column by column, others times sqrt 2."""
-    if isinstance(matrix, np.ndarray):
-        i, j, weights = _triangle(len(matrix))
-        dense: Array = weights * matrix[i, j]
-        return dense
-    table = sparse.coo_array(matrix)
-    size = table.shape[0]
-    upper = table.row <= table.col
-    i, j, values = table.row[upper].astype(np.int64), table.col[upper].astype(np.int64), table.data[upper]
-    result = np.zeros(size * (size + 1) // 2)
-    np.add.at(result, j * (j + 1) // 2 + i, np.where(i == j, values, ROOT2 * values))
-    return result
+    dense = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    i, j, weights = _triangle(len(dense))
+    return np.asarray(weights * dense[i, j])
 
 
 @lru_cache(maxsize=8)
@@ -139,9 +131,9 @@ def _triangle(size: int) -> tuple[Any, Any, Array]:
 def smat(vector: Array) -> Array:
     """The symmetric matrix (n, n) that ``svec`` writes as ``vector`` (n (n + 1)/2,)."""
     size = _order(len(vector))
-    columns, rows = np.tril_indices(size)
+    i, j, weights = _triangle(size)
     result = np.zeros((size, size))
-    result[rows, columns] = result[columns, rows] = np.where(rows == columns, vector, vector / ROOT2)
+    result[i, j] = result[j, i] = vector / weights
     return result
 
 

@@ -99,10 +99,8 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
     if many or max(len(data), len(document)) > checker.MAX_BYTES:
         if unreadable is not None:
             raise unreadable
-        large = f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
-        return replace(
-            own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}" if many else large
-        )
+        why = f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
+        return replace(own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}" if many else why)
     try:
         refusals = [text for holds, text in checker.examine(data, document) if not holds]
     except checker.Refused as error:

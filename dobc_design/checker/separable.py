@@ -215,8 +215,7 @@ def composite(case: Certificate, claim: Any) -> None:
     for P in [claim.P] if case.problem.q else []:
         short((x for row in P for x in row), MATRIX_BITS)
         need(transpose(P) == P and definite(P), "P > 0 is not shown")
-        zeros = identity(case.problem.q, 0)
-        need(nonnegative(plus(zeros, -1, omega(case, P, claim.beta))), "beta is not shown")
+        need(nonnegative([[-x for x in row] for row in omega(case, P, claim.beta)]), "beta is not shown")
         squares = [product(transpose([c]), [c]) for c in case.problem.C]
         need(all(nonnegative(plus(P, -1, square)) for square in squares), "c'c <= P is not shown")
         need(nonnegative(plus(identity(case.problem.q, claim.size), -1, P)), "P <= size I is not shown")

@@ -22,8 +22,7 @@ from dobc_design.solvers.program import Array, round_matrix
 
 GRID = 24
 REFINEMENTS = 3
-# Orders up to which the semidefinite program (q^2/2 unknowns) is solved for each beta, and for one beta.
-EACH, ONE = 12, 24
+LARGEST_PROGRAM = 12  # order up to which semidefinite programs (q^2/2 unknowns) are solved
 # What is given away so that rounding cannot cross a constraint that is active; more where P is badly conditioned.
 SLACKS = tuple(1e-5 * more for more in (1, 10, 100, 1000))
 INSIDE = 1e-12  # relative to the entries: eigenvalues that are told from 0
@@ -49,7 +48,7 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
     fastest = float(-np.max(np.linalg.eigvals(error).real))
     if not math.isfinite(fastest) or fastest <= rate:
         return None
-    bound_at = _least_bound if len(error) <= EACH else _lyapunov_bound
+    bound_at = _least_bound if len(error) <= LARGEST_PROGRAM else _lyapunov_bound
     low, high, found = rate, fastest, list[_Bound]()
     for _ in range(REFINEMENTS):
         betas = np.linspace(low, high, GRID + 2)[1:-1].tolist()
@@ -59,8 +58,6 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
         found = [min(found, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))]
         width = (high - low) / (GRID + 1)
         low, high = max(rate, found[0].beta - width), min(fastest, found[0].beta + width)
-    if EACH < len(error) <= ONE:
-        found = [_least_bound(error, C, found[0].beta) or found[0]]
     for slack in SLACKS:
         rounded = _rounded(found[0], rate=rate, slack=slack)
         if rounded is None or _is_inside(error, C, rounded):

@@ -27,8 +27,9 @@ CHILD = """
 import resource, runpy, sys
 resource.setrlimit(resource.RLIMIT_CPU, (120, 120))
 resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
-sys.argv = sys.argv[1:]
-runpy.run_module("dobc_design" if sys.argv[0] == "dobc" else "dobc_design.checker", run_name="__main__")
+alone = sys.argv[2] == "checker"
+sys.argv = sys.argv[2 if alone else 1 :]
+runpy.run_module("dobc_design.checker" if alone else "dobc_design", run_name="__main__")
 """
 
 

@@ -28,9 +28,9 @@ def transpose(X: Matrix) -> Matrix:
 
 
 def product(X: Matrix, Y: Matrix) -> Matrix:
-    """X Y."""
-    columns = transpose(Y)
-    return [[sum(map(mul, row, column), ZERO) for column in columns] for row in X]
+    """X Y, in integers."""
+    columns = [integers(column) for column in transpose(Y)]
+    return [[Fraction(sum(map(mul, a, b)), c * d) for b, d in columns] for a, c in map(integers, X)]
 
 
 def plus(X: Matrix, factor: Fraction | int, Y: Matrix) -> Matrix:

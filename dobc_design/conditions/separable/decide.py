@@ -114,16 +114,15 @@ def largest_rate(problem: Problem, v: Vector | Doubles, *, rho: Fraction | None)
         candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
         return next((alpha for alpha in candidates if holds(alpha)), None)
     rate = max(claims.holding_gains(problem))  # the agent with the least v has no more than its gain
-    for mode in problem.network.modes:
-        for row, _ in claims.rows(problem, v, modes=[mode]):
-            for face in FACES:
-                if rho is None:
-                    found = row.gain - linear_bound(row, face, question.profiles) / row.own
-                else:
-                    found = _row_rate(row, face, question.profiles, rho=rho, enough=rate)
-                rate = min(rate, found)
-                if rate <= 0:
-                    return None
+    for row, _ in claims.rows(problem, v):
+        for face in FACES:
+            if rho is None:
+                found = row.gain - linear_bound(row, face, question.profiles) / row.own
+            else:
+                found = _row_rate(row, face, question.profiles, rho=rho, enough=rate)
+            rate = min(rate, found)
+            if rate <= 0:
+                return None
     return rounded_down(rate) or None
 
 

@@ -179,9 +179,9 @@ def measured(kind: str, n: int) -> str:
     if claim is None:
         raise RuntimeError(f"{kind}, n = {n}: nothing is proved")
     recheck, _ = cpu(lambda: verify_composite(problem, W, claim), repeats=3)
-    arrays = arc_rows(problem, claim.v, "G")
+    arrays = arc_rows(problem, claim.v)
     profiles = coupling_profiles(problem, claim.v, rho=claim.rho)
-    kinds = float_kinds(profiles, [arrays], rho=claim.rho)
+    kinds = float_kinds(profiles, arrays, rho=claim.rho)
     rows, _ = cpu(lambda: open_rows(arrays, kinds, alpha=claim.alpha, rho=claim.rho), repeats=3)
     parts = [f"{round(20 * each / product):>9}" for each in (propose, decide, recheck, rows)]
     head = f"{kind:<12} {n:>8} {len(arcs):>8} {1e3 * product / 20:>6.2f} ms"

@@ -78,6 +78,7 @@ HANGS = {
     "tower": (problem_text("(((y+1)**64+y)**64+y)**64 - 1"), 3),
     "nested": (problem_text(NESTED), 3),
     "modes": (problem_text(modes=many_modes(3000)), 0),
+    "modes, wide": (problem_text(modes=many_modes(3000), region="[-1, 1]"), 0),
     "order 40": (problem_text("y", more=dense(40), region=""), 3),
     "given W": (problem_text("y", more=f"{dense(40)}[observer]\nW = {[[1]] * 40}\n", region=""), 3),
     "order 200": (problem_text("y", more=dense(200), region=""), 3),

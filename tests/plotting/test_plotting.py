@@ -288,6 +288,7 @@ def test_one_component_moves_along_its_axis_and_arcs_can_be_given(switched):
     assert data["links"][names.index("Gb")] == []
 
 
+@pytest.mark.slow
 def test_a_gif_has_the_frames_and_other_endings_are_refused(swarm, tmp_path):
     image = pytest.importorskip("PIL.Image")
     place = swarm.animate(tmp_path / "run.gif")

@@ -77,8 +77,7 @@ HANGS = {
     "touches": (problem_text("log(1+y**2)+y", modes="a = [[1, 2], [2, 3], [3, 1]]\nb = [[1, 3], [3, 2], [2, 1]]"), 0),
     "tower": (problem_text("(((y+1)**64+y)**64+y)**64 - 1"), 3),
     "nested": (problem_text(NESTED), 3),
-    "modes": (problem_text(modes=many_modes(3000)), 0),
-    "modes, wide": (problem_text(modes=many_modes(3000), region="[-1, 1]"), 0),
+    "modes": (problem_text(modes=many_modes(3000), region="[-1, 1]"), 0),
     "order 40": (problem_text("y", more=dense(40), region=""), 3),
     "given W": (problem_text("y", more=f"{dense(40)}[observer]\nW = {[[1]] * 40}\n", region=""), 3),
     "order 200": (problem_text("y", more=dense(200), region=""), 3),
@@ -100,8 +99,7 @@ def test_what_hung_ends_with_a_certificate_that_both_programs_confirm(name: str,
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
-@pytest.mark.parametrize("groups", [1, 3])
-@pytest.mark.parametrize("order", [20, 40, 200])
+@pytest.mark.parametrize(("order", "groups"), [(20, 3), (40, 1), (200, 1)])
 def test_a_given_gain_for_a_large_exosystem_ends_with_a_proof_of_the_region(order: int, groups: int, tmp_path: Path):
     """The semidefinite program for the error bound has q^2/2 unknowns; a Lyapunov equation proposes it as well."""
     text = given(order // groups, groups)

@@ -218,6 +218,7 @@ def test_what_breaks_first_has_one_panel_per_option_with_its_border(switched):
     assert verticals == {"longest that works": 0.15, "certified": 0.05}
 
 
+@pytest.mark.slow
 def test_a_figure_shows_itself_and_is_saved_by_its_ending(switched, tmp_path):
     sheet = switched.plot()
     assert sheet._repr_png_().startswith(b"\x89PNG")

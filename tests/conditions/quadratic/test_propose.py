@@ -159,6 +159,7 @@ def test_radii_reach_as_far_as_asked_or_as_h_is_defined_and_nowhere_if_an_agent_
     assert design_lure(problem, holds=partial(is_proved, problem)) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("s", [Fraction(0), Fraction(1, 2)])
 def test_with_the_observer_starts_and_observer_errors_are_covered_together(s):
     problem = cycle(10, ALL, exosystem=HARMONIC)

@@ -163,6 +163,7 @@ def test_couplings_of_vectors_are_covered_by_it_and_both_programs_accept():
     assert repelling.verdict is Verdict.UNDECIDED
 
 
+@pytest.mark.slow
 def test_without_a_region_it_runs_on_request_and_covers_nothing():
     problem = ring(7, 3, side=None)
     assert "lure" not in {check.id for check in dd.certify(problem).checks}

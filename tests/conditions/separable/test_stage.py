@@ -132,6 +132,7 @@ def test_what_does_not_apply_says_so(problem, said):
 FAR = [("exp(y) - 1 + y", 900, PROVED), ("tanh(y)", "1e200", UNDECIDED), ("log(1 + y)", 3, PROVED)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("h", "box", "verdict"), [*FAR, ("sin(y)", "1e6", UNDECIDED), ("tanh(y)", "1e-300", PROVED)])
 def test_far_out_boxes_end_in_an_answer(h, box, verdict):
     """Couplings overflow, end or turn thousands of times there; nothing is claimed that is not confirmed."""

@@ -92,12 +92,14 @@ def places_at(problem: Problem, codes: IndexArray) -> IndexArray:
 
 def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fraction, ...]]:
     """For every arc the place of its weight among the different ones, and these; arcs mostly share few objects."""
-    objects = {id(weight): weight for weight in weights}
-    table: dict[str, int] = {}
-    place = {key: table.setdefault(number_key(weight), len(table)) for key, weight in objects.items()}
-    different = {place[key]: weight for key, weight in reversed(objects.items())}
-    found = np.fromiter(map(place.__getitem__, map(id, weights)), dtype=np.int64, count=len(weights))
-    return found, tuple(different[k] for k in range(len(table)))
+    ids = np.fromiter(map(id, weights), dtype=np.int64, count=len(weights))
+    _, first, object_of = np.unique(ids, return_index=True, return_inverse=True)
+    place, table, different = np.zeros(len(first), dtype=np.int64), dict[str, int](), list[Fraction]()
+    for k in np.argsort(first):  # in the order in which they are met
+        weight = weights[first[k]]
+        place[k] = table.setdefault(number_key(weight), len(table))
+        different += [weight] * (len(table) - len(different))
+    return place[object_of], tuple(different)
 
 
 def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:

@@ -22,6 +22,7 @@ from dobc_design.solvers.program import (
     Array,
     Program,
     Solution,
+    Symmetric,
     as_sparse,
     assemble,
     is_solver_failure,
@@ -74,11 +75,13 @@ def solve_cones(
     an answer without values where the solver fails in any way; it never raises for that."""
     import clarabel
 
+    size = len(cost)
+
     def kind(cone: Cone) -> Any:
-        size = len(cone.right)
+        rows = len(cone.right)
         if cone.kind == "semidefinite":
-            return clarabel.PSDTriangleConeT(_order(size))
-        return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
+            return clarabel.PSDTriangleConeT(_order(rows))
+        return clarabel.NonnegativeConeT(rows) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(rows)
 
     stack = np.vstack if all(isinstance(each.rows, np.ndarray) for each in cones) else sparse.vstack
     try:
@@ -88,18 +91,27 @@ def solve_cones(
         if accuracy is not None:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
         answer = clarabel.DefaultSolver(
-            sparse.csc_matrix(sparse.diags_array(np.zeros(len(cost)) if squares is None else squares)),
+            sparse.csc_matrix((np.zeros(size) if squares is None else squares, np.arange(size), np.arange(size + 1))),
             cost,
-            sparse.csc_matrix(stack([each.rows for each in cones])),
+            _by_columns(stack([each.rows for each in cones])),
             np.concatenate([each.right for each in cones]),
             [kind(each) for each in cones],
             settings,
         ).solve()
-        return _read(answer, len(cost))
+        return _read(answer, size)
     except BaseException as error:  # Clarabel panics with pyo3's PanicException, which is no Exception
         if not is_solver_failure(error):
             raise
         return ConeAnswer(status=f"{FAILED}{type(error).__name__}")
+
+
+def _by_columns(rows: Any) -> Any:
+    """A NumPy or SciPy array as Clarabel takes it; dense ones without SciPy's detour."""
+    if not isinstance(rows, np.ndarray):
+        return sparse.csc_matrix(rows)
+    columns, places = np.nonzero(rows.T)
+    ends = np.searchsorted(columns, np.arange(rows.shape[1] + 1))
+    return sparse.csc_matrix((rows[places, columns], places, ends), shape=rows.shape)
 
 
 def _read(answer: Any, size: int) -> ConeAnswer:
@@ -119,6 +131,14 @@ def svec(matrix: Any) -> Array:
     dense = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     i, j, weights = _triangle(len(dense))
     return np.asarray(weights * dense[i, j])
+
+
+def svec_exact(matrix: Symmetric) -> Array:
+    """``svec`` of an exact matrix, from its entries.  Raises: OverflowError beyond the floats."""
+    result = np.zeros(matrix.size * (matrix.size + 1) // 2)
+    for (i, j), entry in matrix.entries.items():
+        result[j * (j + 1) // 2 + i] = float(entry) * (1.0 if i == j else ROOT2)
+    return result
 
 
 @lru_cache(maxsize=8)
@@ -163,10 +183,10 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
         rows = np.zeros((pencil.size * (pencil.size + 1) // 2, len(cost)))
         for k, place in enumerate(places):
             if place in pencil.coefficients:
-                rows[:, k] = svec(as_sparse(pencil.coefficients[place]))
+                rows[:, k] = svec_exact(pencil.coefficients[place])
         if with_t:
             rows[svec_diagonal(pencil.size), -1] = -1.0
-        return Cone("semidefinite", rows, -svec(as_sparse(pencil.constant)))
+        return Cone("semidefinite", rows, -svec_exact(pencil.constant))
 
     try:
         cones = [cone(pencil, with_t=margin) for pencil in program.pencils]

@@ -17,12 +17,12 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil, below, positive
+from dobc_design.exact.symmetric import Symmetric
 from dobc_design.solvers.program import (
     FAILED,
     Array,
     Program,
     Solution,
-    Symmetric,
     as_sparse,
     assemble,
     is_solver_failure,
@@ -75,7 +75,8 @@ def solve_cones(
     an answer without values where the solver fails in any way; it never raises for that."""
     import clarabel
 
-    size = len(cost)
+    size, curved = len(cost), np.zeros(len(cost)) if squares is None else squares
+    kept = np.flatnonzero(curved)
 
     def kind(cone: Cone) -> Any:
         rows = len(cone.right)
@@ -91,7 +92,7 @@ def solve_cones(
         if accuracy is not None:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
         answer = clarabel.DefaultSolver(
-            sparse.csc_matrix((np.zeros(size) if squares is None else squares, np.arange(size), np.arange(size + 1))),
+            sparse.csc_matrix((curved[kept], kept, np.searchsorted(kept, np.arange(size + 1))), shape=(size, size)),
             cost,
             _by_columns(stack([each.rows for each in cones])),
             np.concatenate([each.right for each in cones]),

@@ -119,7 +119,7 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
 
 def _what_follows(*refusals: str) -> str:
     if refusals and all(any(words in text for words in UNSURE) for text in refusals):
-        return "It could not show it within its limits, which does not mean that it is wrong."
+        return "The second program reached its limits; the claim may still be true."
     return "One of them is wrong; please report it."
 
 

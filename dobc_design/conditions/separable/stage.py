@@ -134,7 +134,7 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
     problem = asked.problem
     arcs = sum(map(len, problem.network.modes.values()))
     if arcs > TIMED_ARCS:
-        reason = f"left out, because exact rows for {arcs} arcs take long; it is examined up to {TIMED_ARCS}."
+        reason = f"left out: the network has {arcs} arcs; delays and sampling are examined up to {TIMED_ARCS}."
         return [undecided_check(id, asked.domain, reason) for id in ("delay", "sampling")]
     report("deciding delays and sampling")
     fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)

@@ -78,6 +78,15 @@ class Shown:
         return cut(f"{type(self).__name__}({inside})", LONGEST_REPR)
 
 
+class Told(Shown):
+    """Shows itself by its sentence."""
+
+    __slots__ = ()
+
+    def _card(self) -> Card:
+        return Card(title=type(self).__name__, text=str(self))
+
+
 def own_fields(value: object) -> Iterator[tuple[str, Any]]:
     """Names and values of the fields of a dataclass that say something: not None and not empty."""
     for each in fields(value):  # type: ignore[arg-type]  # any dataclass

@@ -77,7 +77,6 @@ class ObservabilityResult:
 
     @property
     def margin(self) -> float:
-        """The smallest margin of all modes."""
         return min(mode.margin for mode in self.modes)
 
     def __str__(self) -> str:
@@ -125,7 +124,6 @@ class GraphFacts:
 
     @property
     def is_strongly_connected(self) -> bool:
-        """Whether everybody reaches everybody."""
         return len(self.components) == 1
 
     def __str__(self) -> str:

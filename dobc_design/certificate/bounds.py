@@ -190,12 +190,10 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
         return CertifiedBound(reason=reason)
     other = (run.name, run.labels) != (problem.name, problem.network.labels)
     if other or run.loop_sha256 != loop_sha256(problem, claims.W):
-        raise SpecError(
-            f"the run must be one of {problem.name!r}, which the certificate is about; it is one of"
-            f" {repr(run.name) if other else 'another problem of that name, or with another gain W'}.",
-            key="certificate",
-            cure="Certify the problem that was simulated, or simulate this one.",
-        )
+        own = repr(run.name) if other else "another problem of that name, or with another gain W"
+        what = f"the run must be one of {problem.name!r}, which the certificate is about; it is one of {own}."
+        cure = "Certify the problem that was simulated, or simulate this one."
+        raise SpecError(what, key="certificate", cure=cure)
     box, ball, disturbance = map(Fraction, run.start_size())
     starts, room = Starts(box=box, ball=ball, disturbance=disturbance), 1 + ROUNDING
     settling = certified_settling(problem, claims)

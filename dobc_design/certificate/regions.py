@@ -80,7 +80,6 @@ class RegionClaim:
         return f"{name}, {self.variant.replace('P_e', 'Pₑ')}" if self.variant else name
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object."""
         return {**asdict(self), "verdict": self.verdict.value}
 
 
@@ -332,10 +331,8 @@ class _Gatherer:
                     continue
             except UndefinedError:
                 return ""
-            return (
-                f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
-                f" h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
-            )
+            far = f"Two agents in this box may differ by {significant(float(claim.rho * reach))}, and on such distances"
+            return f"{far} h = {coupling.texts[0]} does not rise throughout: a neighbour farther away pulls less."
         return ""
 
 

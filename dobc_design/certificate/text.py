@@ -158,11 +158,9 @@ def writable(check: Check, domain: str) -> Check:
     for each in (check, shorter):
         if _fits(each):
             return each
-    reason = (
-        f"it is {check.verdict.value} here, but a number in the proof has more digits than a certificate holds"
-        f" ({LONGEST} characters). Give the numbers of the problem with fewer digits, or with one common denominator."
-    )
-    return withdrawn(check, domain, reason)
+    reason = f"it is {check.verdict.value} here, but a number in the proof has more digits than a certificate holds"
+    cure = "Give the numbers of the problem with fewer digits, or with one common denominator."
+    return withdrawn(check, domain, f"{reason} ({LONGEST} characters). {cure}")
 
 
 def _fits(check: Check) -> bool:

@@ -16,7 +16,7 @@ from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
-from dobc_design.problem.arrays import unreached_in_union
+from dobc_design.problem.arrays import unreached
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -70,7 +70,7 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
 def _apart_reason(problem: Problem) -> str | None:
     """Agents that stay away from the target when they are moved away together, if the region lets them start so."""
     labels = problem.network.labels
-    apart = unreached_in_union(problem)
+    apart = unreached(problem, problem.network.modes.values())
     for group, free in unheld_groups(problem):
         c = _start_apart(problem, group, free)
         if c is None:

@@ -43,9 +43,9 @@ REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
 #: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in its findings.
 PROMPT_ARCS: Final = 2000
 FIRST: Final = 3
-DISAGREE: Final = (
-    "it is {} here, but the second program does not confirm it ({}). One of them is wrong; please report it."
-)
+DISAGREE: Final = "it is {} here, but the second program does not confirm it ({}). {}"
+# How the second program says that it met a limit, not that a claim is wrong.
+UNSURE: Final = ("not shown", "followed here", "too many", "too large", "too long", "more than", "may be none")
 HOW = "python -I -S dobc_design/checker certificate.json problem.json"
 
 
@@ -99,10 +99,8 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
     if many or max(len(data), len(document)) > checker.MAX_BYTES:
         if unreadable is not None:
             raise unreadable
-        large = f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
-        return replace(
-            own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}" if many else large
-        )
+        why = f"it reads files of at most {checker.MAX_BYTES} bytes, these are larger"
+        return replace(own, lone_checker=f"left to you, because it takes long with {arcs} arcs: {HOW}" if many else why)
     try:
         refusals = [text for holds, text in checker.examine(data, document) if not holds]
     except checker.Refused as error:
@@ -115,8 +113,14 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
         return replace(own, lone_checker=said)
     own_view, lone_view = ("accepts", f"refuses ({refusals[0]})") if refusals else ("refuses", "accepts")
     view = f"the package {own_view}, the lone checker {lone_view}"
-    disagreement = f"two programs that decide the same claims disagree: {view}. One of them is wrong; please report it."
+    disagreement = f"two programs that decide the same claims disagree: {view}. {_what_follows(*refusals)}"
     return replace(own, failures=(*own.failures, disagreement), lone_checker=said)
+
+
+def _what_follows(*refusals: str) -> str:
+    if refusals and all(any(words in text for words in UNSURE) for text in refusals):
+        return "The second program reached its limits; the claim may still be true."
+    return "One of them is wrong; please report it."
 
 
 def agreed(claims: Claims, problem: Problem) -> Claims:
@@ -141,7 +145,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         if not any(refused):
             break
         checks = tuple(
-            withdrawn(check, domain, DISAGREE.format(check.verdict.value, text)) if bad else check
+            withdrawn(check, domain, DISAGREE.format(check.verdict.value, text, _what_follows(text))) if bad else check
             for check, bad, (_, text) in zip(checks, refused, said, strict=True)
         )
         overall, proofs = decide_overall(problem, checks, claims.W), ("theorem1", "theorem2")
@@ -151,7 +155,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
     lacking = next((text for holds, text in found if not holds), None)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
-    reason = "Undecided: " + DISAGREE.format(claims.verdict.value, lacking)
+    reason = "Undecided: " + DISAGREE.format(claims.verdict.value, lacking, _what_follows(lacking))
     return replace(claims, verdict=Verdict.UNDECIDED, reason=reason, rate=None, covered_by=None)
 
 

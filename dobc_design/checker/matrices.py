@@ -28,9 +28,9 @@ def transpose(X: Matrix) -> Matrix:
 
 
 def product(X: Matrix, Y: Matrix) -> Matrix:
-    """X Y."""
-    columns = transpose(Y)
-    return [[sum(map(mul, row, column), ZERO) for column in columns] for row in X]
+    """X Y, in integers."""
+    columns = [integers(column) for column in transpose(Y)]
+    return [[Fraction(sum(map(mul, a, b)), c * d) for b, d in columns] for a, c in map(integers, X)]
 
 
 def plus(X: Matrix, factor: Fraction | int, Y: Matrix) -> Matrix:
@@ -60,16 +60,20 @@ def integers(v: list[Fraction]) -> tuple[list[int], int]:
 
 # --- Elimination ------------------------------------------------------------------------------------------------------
 def echelon(X: Matrix) -> tuple[Matrix, list[int]]:
-    """The nonzero rows of the reduced row echelon form, and the columns of their leading ones."""
-    rest, rows, pivots = X, Matrix(), list[int]()
+    """The nonzero rows of the reduced row echelon form, and the columns of their leading ones; in integers."""
+    rest, rows, pivots = [integers(row)[0] for row in X], list[list[int]](), list[int]()
     for column in range(len(X[0]) if X else 0):
         lead = next((row for row in rest if row[column]), None)
         if lead is not None:
-            rest = [row for row in rest if row is not lead]
-            lead = [entry / lead[column] for entry in lead]
-            rest, rows = ([plus([row], -row[column], [lead])[0] for row in part] for part in (rest, rows))
-            rows, pivots = [*rows, lead], [*pivots, column]
-    return rows, pivots
+            rest = [without(row, lead, column) for row in rest if row is not lead]
+            rows, pivots = [*(without(row, lead, column) for row in rows), lead], [*pivots, column]
+    return [[Fraction(x, row[lead]) for x in row] for row, lead in zip(rows, pivots, strict=True)], pivots
+
+
+def without(row: list[int], lead: list[int], column: int) -> list[int]:
+    """A multiple of the row, less one of ``lead``, so that its entry in the column is 0, without common factors."""
+    left = [lead[column] * x - row[column] * y for x, y in zip(row, lead, strict=True)]
+    return [x // factor for factor in [math.gcd(*left) or 1] for x in left]
 
 
 def nullspace(X: Matrix, size: int) -> tuple[Matrix, list[int]]:

@@ -17,7 +17,7 @@ from .consensus import omega
 from .expressions import Coupling, variables
 from .files import Arc, Certificate, Problem
 from .intervals import NOTHING, ONE, Floats, added, by_decimal, dot, enclosed, hull, negative, times, total
-from .matrices import ZERO, Matrix, definite, echelon, identity, integers, plus, product, semidefinite, transpose
+from .matrices import ZERO, Matrix, definite, echelon, identity, integers, nonnegative, plus, product, transpose
 from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read, same, short, text, weights
 
 EQUATIONS = 60  # of an equilibrium at most
@@ -215,11 +215,10 @@ def composite(case: Certificate, claim: Any) -> None:
     for P in [claim.P] if case.problem.q else []:
         short((x for row in P for x in row), MATRIX_BITS)
         need(transpose(P) == P and definite(P), "P > 0 is not shown")
-        zeros = identity(case.problem.q, 0)
-        need(semidefinite(plus(zeros, -1, omega(case, P, claim.beta))), "beta is not shown")
+        need(nonnegative([[-x for x in row] for row in omega(case, P, claim.beta)]), "beta is not shown")
         squares = [product(transpose([c]), [c]) for c in case.problem.C]
-        need(all(semidefinite(plus(P, -1, square)) for square in squares), "c'c <= P is not shown")
-        need(semidefinite(plus(identity(case.problem.q, claim.size), -1, P)), "P <= size I is not shown")
+        need(all(nonnegative(plus(P, -1, square)) for square in squares), "c'c <= P is not shown")
+        need(nonnegative(plus(identity(case.problem.q, claim.size), -1, P)), "P <= size I is not shown")
 
 
 def starts(case: Certificate, domain: Any, kind: str) -> None:

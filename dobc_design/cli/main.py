@@ -35,7 +35,6 @@ class _Command(TyperCommand):
     """One of the commands; its line in the list of them is never cut off."""
 
     def get_short_help_str(self, limit: int = 45) -> str:
-        """The whole sentence."""
         return self.help or ""
 
 

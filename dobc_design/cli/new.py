@@ -71,9 +71,9 @@ def scaffold(name: str, *, source: Path | None = None, arrow: str | None = None)
     from dobc_design.problem.schema import json_schema
 
     identifier = re.sub(r"\W", "_", name).lower()
-    problem, verdict = (
-        (_template("problem.toml", name), "PROVED") if source is None else _converted(name, source, arrow)
-    )
+    problem, verdict = _template("problem.toml", name), "PROVED"
+    if source is not None:
+        problem, verdict = _converted(name, source, arrow)
     test = _template("test.py.txt", name).replace("@IDENTIFIER@", identifier).replace("@VERDICT@", verdict)
     texts = {
         f"{name}.toml": problem,

@@ -215,10 +215,8 @@ def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
             words = f"{interval[0]:.4g} to {interval[1]:.4g}, with 95 % confidence"
         lines.append(f"  {name.replace('_', ' '):<22} {words}")
     if document.get("certified"):
-        certified = document["certified"]
-        lines.append(
-            f"  {'certified':<22} final |e|_inf <= {certified['final_error']:.4g}, by {', '.join(certified['sources'])}"
-        )
+        final, sources = document["certified"]["final_error"], ", ".join(document["certified"]["sources"])
+        lines.append(f"  {'certified':<22} final |e|_inf <= {final:.4g}, by {sources}")
     reasons = document["reasons"]
     lines += [f"  seed {each['seed']}: {each['reason']}." for each in reasons[:SHOWN]]
     if len(reasons) > SHOWN:

@@ -71,15 +71,9 @@ def sweep_command(
             resumed[:] = [state.resumed]
             show(state)
 
-        options: dict[str, Any] = {
-            "task": task,
-            "samples": samples,
-            "seed": seed,
-            "runs": runs,
-            "everything": everything,
-        }
+        options: dict[str, Any] = {"task": task, "samples": samples, "seed": seed, "everything": everything}
         how: dict[str, Any] = {"jobs": jobs, "cluster": cluster, "time_limit": time_limit, "force": force}
-        result = sweep(file, axes, out=folder, progress=progress, **options, **how)
+        result = sweep(file, axes, runs=runs, out=folder, progress=progress, **options, **how)
     tables = (folder / name for name in ("results.csv", "results.parquet"))
     files = [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
     with suppress(SpecError):  # nothing numeric was varied or found
@@ -127,7 +121,6 @@ class _Bar(output.Progress):
     """Progress on standard error: a bar on a terminal; with --verbose ten lines or so; else nothing."""
 
     def begin(self, console: Console) -> Any:
-        """A bar with the counts and the time left."""
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
         bar = Progress(BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), console=console)
@@ -135,7 +128,6 @@ class _Bar(output.Progress):
         return bar
 
     def stage(self, state: State) -> None:
-        """Show where the sweep stands."""
         tenth = (state.done * 10) // state.total
         if self.moving is not None:
             failed = f", {state.failed} failed" if state.failed else ""

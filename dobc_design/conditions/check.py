@@ -42,7 +42,6 @@ class Values:
     values: Mapping[str, Any]
 
     def to_json(self) -> dict[str, Any]:
-        """The values."""
         return dict(self.values)
 
 
@@ -56,7 +55,6 @@ class Witness(Shown):
     values: tuple[str, ...] | None = None
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object with the keys that are there."""
         lists = {"labels": self.labels, "values": self.values}
         return {"kind": self.kind} | {name: list(found) for name, found in lists.items() if found is not None}
 
@@ -70,7 +68,6 @@ class Fix(Shown):
     text: str
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object."""
         return {"kind": self.kind, "set": dict(self.set), "text": self.text}
 
 

@@ -25,7 +25,6 @@ class Statement(Shown):
         return f"{self.verdict.value}: {self.text}"
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object."""
         return {"kind": self.kind, "text": self.text, "verdict": self.verdict.value, "exact": dict(self.exact)}
 
 

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -209,6 +210,7 @@ def _lowered(node: tree.Node, value: Fraction) -> tree.Node:
     return tree.Subtract(node, offset) if value > 0 else tree.Add(node, offset)
 
 
+@lru_cache(maxsize=256)
 def _gradient(expression: Expression, *, at: Interval) -> tuple[Interval, ...]:
     """Enclose the partial derivatives where every variable lies in ``at``."""
     algebra = tree.GradientAlgebra(expression.dimension)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 # Fraction, or flint's fmpq for larger matrices; both mix with int.
 Scalar: TypeAlias = Any
+Step: TypeAlias = tuple[int, Scalar, dict[int, Scalar]]  # which row, its pivot, and the rest of the row over the pivot
 
 # From this size on the conversion to flint's rationals has paid for itself.
 FLINT_SIZE: Final = 13
@@ -39,20 +40,28 @@ def bad_direction(
     chooses the arithmetic; by default the size does. ``most_work``: products of numbers of 64 bits, about; counted, not
     timed, so that every machine answers the same. Raises: UnfinishedError beyond it."""
     long = M.size >= FLINT_SIZE if flint is None else flint
-    rows: list[dict[int, Scalar]] = [{} for _ in range(M.size)]
-    for (i, j), value in M.entries.items():
-        rows[i][j] = rows[j][i] = to_fmpq(value) if long else value
-    found = _eliminate(rows, strict=strict, most_work=most_work)
+    rows: list[dict[int, Scalar]] = M.rows()
+    if long:
+        rows = [{j: to_fmpq(value) for j, value in row.items()} for row in rows]
+    found = _eliminate(rows, [], strict=strict, most_work=most_work)
     return found and {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
 
 
-def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool, most_work: int | None) -> dict[int, Scalar] | None:
+def squares_of(M: SparseSymmetric) -> list[tuple[int, Fraction, dict[int, Fraction]]] | None:
+    """Return M > 0 as a sum of squares d (x_k + sum l_i x_i)^2, each (k, d, l), or None if M is not positive definite.
+    Pivots k are taken by least degree, then least index, so the answer is unique."""
+    steps: list[Step] = []
+    return steps if _eliminate(M.rows(), steps, strict=True, most_work=None) is None else None
+
+
+def _eliminate(
+    rows: list[dict[int, Scalar]], steps: list[Step], *, strict: bool, most_work: int | None
+) -> dict[int, Scalar] | None:
     """Eliminate in minimum-degree order; return None if every pivot passes, else a witness.  ``rows`` hold both
-    triangles without zeros, and are consumed: the open ones hold the Schur complement."""
+    triangles without zeros, and are consumed: the open ones hold the Schur complement.  ``steps`` gets every pivot."""
     bad_rows = (_bad_diagonal(rows, i, strict=strict) for i in range(len(rows)))
     if (bad := next(filter(None, bad_rows), None)) is not None:
         return bad
-    steps: list[tuple[int, dict[int, Scalar]]] = []
     queue = [(len(row), i) for i, row in enumerate(rows)]
     heapq.heapify(queue)
     closed = [False] * len(rows)
@@ -72,7 +81,7 @@ def _eliminate(rows: list[dict[int, Scalar]], *, strict: bool, most_work: int | 
             if work > most_work:
                 raise UnfinishedError(f"elimination stopped at pivot {len(steps) + 1} of {len(rows)}")
         factors = {j: x / pivot for j, x in row.items()}
-        steps.append((k, factors))
+        steps.append((k, pivot, factors))
         _subtract_outer(rows, k, factors)
         for i in row:
             if (bad := _bad_diagonal(rows, i, strict=strict)) is not None:
@@ -113,10 +122,10 @@ def _bad_diagonal(rows: list[dict[int, Scalar]], i: int, *, strict: bool) -> dic
     return {j: 1, i: -(c + 1) / (2 * b)}
 
 
-def _back_substitute(bad: dict[int, Scalar], steps: list[tuple[int, dict[int, Scalar]]]) -> dict[int, Scalar]:
+def _back_substitute(bad: dict[int, Scalar], steps: list[Step]) -> dict[int, Scalar]:
     """Extend a direction of the Schur complement to the whole matrix, with the same value."""
     vector = dict(bad)
-    for k, factors in reversed(steps):
+    for k, _, factors in reversed(steps):
         entry = -sum(x * vector[j] for j, x in factors.items() if j in vector)
         if entry:
             vector[k] = entry

@@ -14,7 +14,7 @@ from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final, Self, cast
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Told
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, float_below, number_text, root_above, root_below, to_fmpq
@@ -157,7 +157,7 @@ class UndefinedError(ArithmeticError):
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Interval(Shown):
+class Interval(Told):
     """The closed interval from lo to hi; integers are taken as Fractions, by its operators too.  Raises: SpecError if
     lo > hi or an end is not an int or Fraction."""
 
@@ -175,7 +175,6 @@ class Interval(Shown):
 
     @classmethod
     def point(cls, value: Fraction | int) -> Interval:
-        """Return the interval that holds this number only."""
         number = Fraction(value)
         return Interval(number, number)
 
@@ -186,12 +185,10 @@ class Interval(Shown):
 
     @property
     def top(self) -> Any:
-        """The upper end as it is kept."""
         return self.hi
 
     @property
     def is_point(self) -> bool:
-        """Whether the interval holds one number only."""
         return bool(self.bottom == self.top)
 
     @property
@@ -201,17 +198,14 @@ class Interval(Shown):
 
     @property
     def width(self) -> Fraction:
-        """Hi - lo."""
         return self.hi - self.lo
 
     @property
     def midpoint(self) -> Fraction:
-        """(lo + hi) / 2."""
         return (self.lo + self.hi) / 2
 
     @property
     def magnitude(self) -> Fraction:
-        """The largest absolute value in the interval."""
         return max(-self.lo, self.hi)
 
     @property
@@ -225,19 +219,15 @@ class Interval(Shown):
 
     @property
     def is_zero(self) -> bool:
-        """Whether the interval holds 0 only."""
         return not self.bottom and not self.top
 
     def ends(self) -> tuple[Self, Self]:
-        """Return the points lo and hi."""
         return type(self)(self.bottom, self.bottom), type(self)(self.top, self.top)
 
     def middle(self) -> Self:
-        """Return the midpoint as an interval."""
         return self.halves()[0].ends()[1]
 
     def contains(self, value: Fraction | int | Interval) -> bool:
-        """Return whether a number, or every number of an interval, lies in this one."""
         other = _interval(value)
         return self.lo <= other.lo and other.hi <= self.hi
 
@@ -267,9 +257,6 @@ class Interval(Shown):
     def floats(self) -> tuple[float, float]:
         """Return (largest float <= lo, smallest float >= hi)."""
         return float_below(self.lo), float_above(self.hi)
-
-    def _card(self) -> Card:
-        return Card(title="Interval", text=str(self))
 
     def __str__(self) -> str:
         return f"[{_brief(self.lo)}, {_brief(self.hi)}]"
@@ -348,7 +335,6 @@ class Interval(Shown):
         return _enclose(lo, hi, name, self)
 
     def root(self) -> Interval:
-        """Enclose the square root of numbers >= 0."""
         return _enclose(sqrt_bounds(self.lo)[0], sqrt_bounds(self.hi)[1], "sqrt", self)
 
     __radd__ = __add__

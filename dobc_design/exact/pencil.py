@@ -59,7 +59,6 @@ class Pencil:
 
     @property
     def size(self) -> int:
-        """Number of rows."""
         return self.constant.size
 
     def at(self, values: Mapping[str, Matrix]) -> SparseSymmetric:

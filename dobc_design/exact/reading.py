@@ -65,9 +65,8 @@ def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, b
     if shape is not None and (len(rows), width) != shape:
         what = f"must have shape {shape}{because and f', {because}'}; got shape ({len(rows)}, {width})."
         raise wrong(key, what, f"Give {rows_of(shape)}.", kind=ShapeError)
-    return tuple(
-        tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in enumerate(row)) for i, row in enumerate(rows)
-    )
+    numbered = enumerate(map(enumerate, rows))
+    return tuple(tuple(parse_number(entry, key=f"{key}[{i}][{j}]") for j, entry in row) for i, row in numbered)
 
 
 def read_vector(value: Any, *, key: str, length: int, because: str) -> Vector:

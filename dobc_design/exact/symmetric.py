@@ -55,26 +55,28 @@ class SparseSymmetric(Shown):
         return cls(size, {(i, j): M[i][j] for i, j in places})
 
     def to_dense(self) -> Matrix:
-        """Return the full matrix (n, n)."""
         rows = [[Fraction(0)] * self.size for _ in range(self.size)]
         for (i, j), value in self.entries.items():
             rows[i][j] = rows[j][i] = value
         return tuple(tuple(row) for row in rows)
 
+    def rows(self) -> list[dict[int, Fraction]]:
+        """Return the entries of every row by column, both triangles."""
+        rows: list[dict[int, Fraction]] = [{} for _ in range(self.size)]
+        for (i, j), value in self.entries.items():
+            rows[i][j] = rows[j][i] = value
+        return rows
+
     def diagonal(self) -> list[Fraction]:
-        """Return the n entries of the diagonal."""
         return [self.entries.get((i, i), Fraction(0)) for i in range(self.size)]
 
     def negated(self) -> SparseSymmetric:
-        """Return -M."""
         return self.scaled(-1)
 
     def scaled(self, factor: Fraction | int) -> SparseSymmetric:
-        """Return factor * M."""
         return SparseSymmetric(self.size, {place: factor * x for place, x in self.entries.items()})
 
     def shifted(self, shift: Fraction | int) -> SparseSymmetric:
-        """Return M + shift * I."""
         return self + SparseSymmetric(self.size, {(i, i): Fraction(shift) for i in range(self.size)})
 
     def __add__(self, other: SparseSymmetric) -> SparseSymmetric:
@@ -220,16 +222,13 @@ class IntegerSymmetric(Shown):
         return cls(size=len(matrix), rows=rows, columns=columns, values=values, denominator=1 << max(-lowest, 0))
 
     def to_sparse(self) -> SparseSymmetric:
-        """Return the same matrix entry by entry."""
         listed = zip(self.rows.tolist(), self.columns.tolist(), self.values.tolist(), strict=True)
         return SparseSymmetric(self.size, {(i, j): Fraction(x, self.denominator) for i, j, x in listed})
 
     def to_dense(self) -> Matrix:
-        """Return the full matrix (n, n)."""
         return self.to_sparse().to_dense()
 
     def triplets(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-        """Return rows, columns and nearest floats of the full matrix, both triangles."""
         return self.to_sparse().triplets()
 
     @property
@@ -238,11 +237,9 @@ class IntegerSymmetric(Shown):
         return self.to_sparse().entries
 
     def negated(self) -> IntegerSymmetric:
-        """Return -M."""
         return replace(self, values=-self.values)
 
     def shifted(self, shift: Fraction | int) -> IntegerSymmetric:
-        """Return M + shift * I."""
         places = np.arange(self.size)
         top, bottom = Fraction(shift).as_integer_ratio()
         ones = np.full(self.size, top, dtype=np.int64 if abs(top) < _LIMIT else object)
@@ -267,7 +264,6 @@ class IntegerSymmetric(Shown):
     __radd__ = __add__
 
     def restricted(self, rows: Sequence[int]) -> SparseSymmetric:
-        """Return the matrix of these rows and columns, in their order."""
         place = np.full(self.size, -1, dtype=np.int64)
         place[list(rows)] = np.arange(len(rows))
         i, j = place[self.rows], place[self.columns]
@@ -276,7 +272,6 @@ class IntegerSymmetric(Shown):
         return SparseSymmetric(len(rows), {(min(p), max(p)): Fraction(x, self.denominator) for *p, x in part})
 
     def diagonal(self) -> list[Fraction]:
-        """Return the n entries of the diagonal."""
         on = self.rows == self.columns
         found = dict(zip(self.rows[on].tolist(), self.values[on].tolist(), strict=True))
         return [Fraction(found.get(i, 0), self.denominator) for i in range(self.size)]

@@ -104,9 +104,8 @@ def float_rows(M: IntegerSymmetric) -> FloatRows | None:
     counts = np.bincount(i, minlength=M.size) + np.bincount(j, minlength=M.size)
     # An entry is off by 3 half units, its product and the sums by one each; this factor and the quotient by one more.
     slack = 1 + (np.maximum(counts[i], counts[j]) + 8).astype(np.float64) * 2.0**-52
-    return FloatRows(
-        own=own, largest=float(np.abs(own).max(initial=0.0)), rows=i, columns=j, sizes=np.abs(values[~on]) * slack
-    )
+    largest = float(np.abs(own).max(initial=0.0))
+    return FloatRows(own=own, largest=largest, rows=i, columns=j, sizes=np.abs(values[~on]) * slack)
 
 
 def row_bound(M: IntegerSymmetric, vector: Floats) -> float:

@@ -69,11 +69,9 @@ def to_c(
         raise SpecError(message, key="certificate", cure="Certify this problem.")
     gains = {"gain": observer_gain(problem) if claims is None else claims.W, "sampled_gain": sampled_gain}
     recorder = Recorder(**gains, signal=signal_of(problem)[0])
-    given: dict[str, Any] = {
-        "agents": [agents] if isinstance(agents, (str, int)) else agents,
-        "objection": recorder.objection,
-    }
-    controller = make_controller(problem, period=period, precision=precision, **gains, **given)
+    chosen: Any = [agents] if isinstance(agents, (str, int)) else agents
+    given: dict[str, Any] = gains | {"agents": chosen, "objection": recorder.objection}
+    controller = make_controller(problem, period=period, precision=precision, **given)
     certified = None if claims is None else certified_sampling(problem, claims, controller.period)
     return c_code(controller, recorder.recorded(controller), certified=certified)
 
@@ -251,7 +249,7 @@ def to_control(
         message = "signal must not depend on the states, because python-control keeps no graph between calls."
         raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
     settings = problem.simulation
-    seed, horizon = settings.seed if seed is None else seed, float(settings.horizon)
+    seed, horizon = settings.seed if seed is None else seed, float(settings.t_final)
     return run(problem, mode=mode, signal=signal, horizon=horizon, seed=seed, gain=observer_gain(problem))
 
 

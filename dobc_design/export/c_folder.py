@@ -44,9 +44,7 @@ class Recorder:
         self, *, gain: Gain | None = None, sampled_gain: Gain | None = None, signal: Signal | None = None
     ) -> None:
         self.gain, self.signal = gain, None if isinstance(signal, Mobile) else signal
-        self.sampled = (
-            None if sampled_gain is None else tuple(tuple(float(entry) for entry in row) for row in sampled_gain)
-        )
+        self.sampled = None if sampled_gain is None else tuple(tuple(map(float, row)) for row in sampled_gain)
         self.last: tuple[Fraction, Trajectory] | None = None
 
     def objection(self, controller: Controller) -> str:
@@ -80,9 +78,7 @@ class Recorder:
         run = self.run(controller)
         agent = next((each for each in controller.agents if any(map(any, each.gain))), controller.agents[0])
         i, others, names = agent.index, list(agent.neighbours), list(controller.problem.network.modes)
-        modes = np.zeros(len(run.times), dtype=np.int64)
-        if run.switches is not None:
-            modes = np.array([names.index(name) for name in run.switches.names])[run.switches.at(run.times)]
+        modes = np.array([names.index(name) for name in run.switches.names])[run.mode_index]
         heard = run.x[:, others] - run.goal[others]
         u, own = run.u[:, i], {"x": run.x[:, i], "dhat": run.dhat[:, i], "xihat": run.xihat[:, i, controller.states]}
         bare = Recorded(agent=agent, modes=modes, heard=heard, u=u, v=u, **own)

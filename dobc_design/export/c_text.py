@@ -34,17 +34,15 @@ def template(name: str) -> Template:
 
 def rounded(value: Fraction, precision: str) -> Fraction:
     """The number of this precision that stands for ``value`` in the code, exactly.  Raises: SpecError if too large."""
-    number = Fraction(0)
     try:
         near = np.float64(value.numerator / value.denominator)
         with np.errstate(over="ignore"):
-            number = Fraction(float(near if precision == "double" else np.float32(near)))
+            return Fraction(float(near if precision == "double" else np.float32(near)))
     except OverflowError:
         about = len(str(abs(value.numerator))) - len(str(value.denominator))
         message = f"every number of the code must fit into a {precision}; one of the problem's does not"
         cure = "Use other units." if precision == "double" else "Use --precision double."
         raise SpecError(f"{message} (about 10^{about}).", key="export", cure=cure) from None
-    return number
 
 
 def literal(value: Fraction, precision: str) -> str:

@@ -87,11 +87,13 @@ def make_fmu(controller: Controller) -> Fmu:
 def sources(controller: Controller, token: str) -> dict[str, str]:
     """The C files of the FMU and buildDescription.xml, by name."""
     folder = resources.files("dobc_design.export") / "templates"
-    wrapper, stubs = (
-        (folder / "fmi3_agent.c").read_text("utf-8"),
-        template("fmi3_stubs.c.j2").render().removesuffix("\n"),
-    )
-    heard = len(controller.agents[0].neighbours)
+    code, heard = (folder / "fmi3_agent.c").read_text("utf-8"), len(controller.agents[0].neighbours)
+    for mark, text in {
+        "TOKEN": string(token),
+        "HEARD": str(heard),
+        "STUBS": template("fmi3_stubs.c.j2").render(),
+    }.items():
+        code = code.replace(f"@{mark}@", text.removesuffix("\n"))
     listed = "".join(f'<SourceFile name="{name}"/>' for name in ("dobc_agent.c", "fmi3_agent.c"))
     build = '<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">\n'
     build += f'  <BuildConfiguration modelIdentifier="{MODEL}">\n    <SourceFileSet language="C99">{listed}'
@@ -100,9 +102,7 @@ def sources(controller: Controller, token: str) -> dict[str, str]:
         "dobc_agent.h": header_text(controller),
         "dobc_agent.c": source_text(controller),
         "fmi3_types.h": (folder / "fmi3_types.h").read_text("utf-8"),
-        "fmi3_agent.c": wrapper.replace("@TOKEN@", string(token))
-        .replace("@HEARD@", str(heard))
-        .replace("@STUBS@", stubs),
+        "fmi3_agent.c": code,
         "buildDescription.xml": build,
     }
 

@@ -61,13 +61,12 @@ def to_control(
     """
     problem.require_one_exosystem()
     names = tuple(problem.network.modes)
-    fixed = signal is None or isinstance(signal, Fixed)
-    if fixed:
+    if signal is None or isinstance(signal, Fixed):
         wanted = signal.mode if isinstance(signal, Fixed) and mode is None else mode
         first = make_field(problem, chosen_mode(problem, wanted), gain)
         return _system(problem, first.loop, lambda time: first)
     fields = [make_field(problem, name, gain) for name in names]
-    switches = scheduled_switches(signal or Fixed(), names, horizon, seed)
+    switches = scheduled_switches(signal, names, horizon, seed)
     return _system(problem, fields[0].loop, lambda time: fields[int(switches.at(np.array([time]))[0])])
 
 

@@ -7,7 +7,6 @@ Nothing here is trusted: a wrong number makes a file that Coq refuses.  Coq does
 
 from __future__ import annotations
 
-import heapq
 import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, Stat
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
+from dobc_design.exact.cholesky import squares_of
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import template
@@ -79,40 +79,10 @@ class Square:
 def factor(M: SparseSymmetric) -> tuple[Square, ...] | None:
     """Return the squares M is the sum of, in the order of elimination, or None if M is not positive definite.  Pivots
     are taken on the diagonal by least degree, then least index, so the answer is unique."""
-    rows: list[dict[int, Fraction]] = [{} for _ in range(M.size)]
-    for (i, j), value in M.entries.items():
-        rows[i][j] = rows[j][i] = value
-    queue = [(len(row), i) for i, row in enumerate(rows)]
-    heapq.heapify(queue)
-    closed = [False] * M.size
-    squares: list[Square] = []
-    while queue:
-        degree, pivot = heapq.heappop(queue)
-        if closed[pivot] or degree != len(rows[pivot]):
-            continue  # stale: the row has changed since, and stands in the queue again
-        closed[pivot] = True
-        weight = rows[pivot].pop(pivot, Fraction(0))
-        if weight <= 0:
-            return None
-        others = {i: rows[pivot][i] / weight for i in sorted(rows[pivot])}
-        squares.append(Square(weight, pivot, others))
-        _eliminate(rows, pivot, weight, others)
-        for i in others:
-            heapq.heappush(queue, (len(rows[i]), i))
-    return tuple(squares)
-
-
-def _eliminate(rows: list[dict[int, Fraction]], pivot: int, weight: Fraction, others: Mapping[int, Fraction]) -> None:
-    """Subtract weight l l' from the rows still open; drop the pivot's column and what cancels."""
-    for i, x in others.items():
-        row, scaled = rows[i], weight * x
-        del row[pivot]
-        for j, y in others.items():
-            value = row.get(j, Fraction(0)) - scaled * y
-            if value:
-                row[j] = value
-            else:
-                row.pop(j, None)
+    steps = squares_of(M)
+    if steps is None:
+        return None
+    return tuple(Square(weight, pivot, dict(sorted(others.items()))) for pivot, weight, others in steps)
 
 
 # Rows of Psi, and squared bits to be multiplied: 10^9 of them take Coq about a minute and a half.

@@ -139,9 +139,8 @@ def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: A
         for arc in hearings:
             heard = recorded.heard[here, arc.neighbour]
             y = heard - e[here]
-            h = coupling_with_error(
-                couplings[arc.coupling], Erring(y, own[here] + u * (np.abs(heard) + np.abs(y))), algebra
-            )
+            difference = Erring(y, own[here] + u * (np.abs(heard) + np.abs(y)))
+            h = coupling_with_error(couplings[arc.coupling], difference, algebra)
             weight = float(arc.weight)
             total[here] += weight * h.value
             size[here] += np.abs(weight * h.value)

@@ -173,7 +173,7 @@ class _Search:
         """Gradient ascent from the worst starts, each in the mode that it began in; simulated again."""
         worst = np.argsort(-self.badness(runs), kind="stable")[:count]
         rows, q, modes = len(runs.e), self.arena.loop.q, runs.signals.modes[worst, 0]
-        objective = final_error(rows) if self.level is None else final_level(self.level, rows, q)
+        objective = partial(final_error, rows) if self.level is None else partial(final_level, self.level, rows, q)
         flows = {mode: self.flow(mode) for mode in dict.fromkeys(modes.tolist())}
         found = [
             ascend(flows[mode], self.starts, (runs.e[:, run], runs.eps[:, :, run]), objective)
@@ -303,30 +303,22 @@ class _Search:
         return min(rates, default=None)
 
 
-def final_error(rows: int) -> Objective:
+def final_error(rows: int, end: Array) -> tuple[float, Array]:
     """Log of |e| at the end and its gradient by the state; ``rows`` numbers of the state are e."""
-
-    def objective(end: Array) -> tuple[float, Array]:
-        size = float(np.linalg.norm(end[:rows]))
-        weight = np.zeros_like(end)
-        weight[:rows] = end[:rows] / max(size, 1e-300) ** 2
-        return float(np.log(max(size, 1e-300))), weight
-
-    return objective
+    size = float(np.linalg.norm(end[:rows]))
+    weight = np.zeros_like(end)
+    weight[:rows] = end[:rows] / max(size, 1e-300) ** 2
+    return float(np.log(max(size, 1e-300))), weight
 
 
-def final_level(level: Level, rows: int, q: int) -> Objective:
+def final_level(level: Level, rows: int, q: int, end: Array) -> tuple[float, Array]:
     """Log of V at the end and a (sub)gradient."""
-
-    def objective(end: Array) -> tuple[float, Array]:
-        e, eps = end[:rows], end[rows:].reshape(-1, q) if q else np.zeros((1, 0))
-        size = float(level.value(e[:, None], eps[:, :, None])[0])
-        if not size > 0:
-            return -np.inf, np.zeros_like(end)
-        along, along_eps = level.gradient(e, eps)
-        return float(np.log(size)), np.concatenate([along, along_eps.ravel() if q else []]) / size
-
-    return objective
+    e, eps = end[:rows], end[rows:].reshape(-1, q) if q else np.zeros((1, 0))
+    size = float(level.value(e[:, None], eps[:, :, None])[0])
+    if not size > 0:
+        return -np.inf, np.zeros_like(end)
+    along, along_eps = level.gradient(e, eps)
+    return float(np.log(size)), np.concatenate([along, along_eps.ravel() if q else []]) / size
 
 
 def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> Pair:
@@ -367,6 +359,7 @@ STARTS, LEAST_STARTS = 48, 8  # of each kind: shared among the modes at most, in
 MOST_ROWS, MOST_ARCS = 1500, 60_000  # starts of one kind times rows, or times arcs: a second or so in all
 MOST_PROVED = 4  # roots of one mode for which a proof is tried, the nearest to the target first
 ROUGH = 1e-6  # tolerance of the runs, whose ends are only points to begin with
+ROUGH_STEPS, ROUGH_WORK = 3000, 600_000  # most steps of each, and most steps times characters of the couplings
 SAMPLES = 21
 STEPS = 60
 CLOSE = 1e-11  # |F|_inf of a root, relative to the slopes and to the size of e
@@ -395,13 +388,16 @@ def _nearest(problem: Problem, seed: int) -> Equilibrium | None:
     arcs = sum(len(each) for each in problem.network.modes.values())
     shared = min(STARTS, MOST_ROWS // (problem.n * problem.m)) // len(arena.modes)
     count = max(LEAST_STARTS, min(shared, MOST_ARCS // max(1, arcs)))  # of one kind in one mode
+    length = sum(len(text) for coupling in problem.couplings for text in coupling.texts)
+    most = max(1, min(ROUGH_STEPS, ROUGH_WORK // length))
     horizon, rng, found = sets.settling_horizon(problem), np.random.default_rng(seed), list[Equilibrium]()
     for number, mode in enumerate(arena.modes):
         if unreached(problem, [problem.network.modes[mode]]):
             continue  # what rests in such a mode is moved by others: no refutation by the contract
         e = np.concatenate([box.draw(rng, count, kind)[0] for kind in (sets.CORNERS, sets.RANDOM)], axis=1)
         none, constant = np.zeros((problem.n, problem.q, 2 * count)), sets.constant_signals(np.full(2 * count, number))
-        runs = sets.run_starts(arena, e, none, constant, horizon=horizon, tolerance=ROUGH, samples=SAMPLES)
+        rough = partial(sets.run_starts, horizon=horizon, tolerance=ROUGH, samples=SAMPLES, most=most)
+        runs = rough(arena, e, none, constant)
         points = [*runs.ends.T[runs.stalled & ~runs.diverged], *e.T]
         found += proved_equilibria(problem, mode, points, starts=box, within_region=True, most=1)
     return min(found, key=lambda claim: float(np.max(np.abs(point_of(claim)))), default=None)

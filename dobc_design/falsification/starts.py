@@ -27,7 +27,7 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import Array, Gain, arc_groups, consensus_jacobian, pinning_matrix
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, Stack
+from dobc_design.simulation.columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, MOST_STEPS, Stack
 from dobc_design.simulation.field import Loop, Network, make_closed_form, make_loop, network_of
 from dobc_design.verdict import Verdict
 
@@ -389,6 +389,7 @@ def run_starts(
     tolerance: float,
     samples: int = SAMPLES,
     level: Level | None = None,
+    most: int = MOST_STEPS,
 ) -> Runs:
     """Simulate every start; V of ``level`` is followed.  Where the observer is too fast, eps = 0 from the start."""
     loop, count, times = arena.loop, e.shape[1], np.linspace(0.0, horizon, samples)
@@ -417,5 +418,5 @@ def run_starts(
         some, switches = eps[:, :, part], (signals.times[part], signals.modes[part])
         stack = Stack(loop=loop, networks=arena.networks, closed=closed, e=e[:, part], eps=some, switches=switches)
         with np.errstate(all="ignore"):
-            outcome[part] = stack.integrate(times, tolerance=tolerance, visit=visit).states
+            outcome[part] = stack.integrate(times, tolerance=tolerance, visit=visit, most=most).states
     return Runs(times=times, error=error, values=values, ends=ends, states=outcome, e=e, eps=eps, signals=signals)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.claim import Equilibrium
 from dobc_design.exact.number import number_text
@@ -23,7 +23,7 @@ MOST_WRITTEN = 10  # suspects of a JSON document
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Suspect(Shown):
+class Suspect(Told):
     """One start and what became of it.
 
     Shapes: start (n, m), x at t = 0; eps (n, q), xi - xihat there; times (T,) in s; error (T,), |e|_inf, nan from where
@@ -68,9 +68,6 @@ class Suspect(Shown):
 
     def __repr__(self) -> str:
         return f"<Suspect: {self}>"
-
-    def _card(self) -> Card:
-        return Card(title="Suspect", text=str(self))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)

@@ -192,10 +192,8 @@ def read_mat(data: bytes, *, file: str, name: str) -> Problem:
     found = read_variables(data, name=file, names=KNOWN)
     L = found.get("L")
     if L is None:
-        what = (
-            f"{file} must hold the variable L, the Laplacian of the graph (row i: -w_ij where i listens to j);"
-            f" it has {', '.join(found) or 'none of the known ones'}."
-        )
+        what = f"{file} must hold the variable L, the Laplacian of the graph (row i: -w_ij where i listens to j);"
+        what += f" it has {', '.join(found) or 'none of the known ones'}."
         raise SpecError(what, key="L", cure=f"Known variables are {', '.join(KNOWN)}.")
     layers = _layers(L)
     n = layers[0].shape[0]
@@ -275,7 +273,6 @@ def _gains(k: Any, labels: Sequence[str]) -> Any:
 
 
 def _texts(value: Any, key: str, *, count: int) -> list[str] | None:
-    """A cell array of text, or the rows of a character matrix."""
     texts = None if value is None else _all_texts(value, key)
     if texts is not None and len(texts) != count:
         raise wrong(key, f"must hold {count} texts; got {len(texts)}.", "A cell array of text.")

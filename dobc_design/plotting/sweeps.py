@@ -147,7 +147,6 @@ def _on_grid(x: Places, y: Places, value: Array, outcome: Sequence[str]) -> tupl
 
 
 def _edges(axis: Places) -> Array:
-    """Borders of the cells around the ticks."""
     ticks = np.log(axis.ticks) if axis.even_ratios else axis.ticks
     middle = (ticks[1:] + ticks[:-1]) / 2
     first, last = (middle[0], middle[-1]) if len(ticks) > 1 else (ticks[0] + 0.5, ticks[0] - 0.5)

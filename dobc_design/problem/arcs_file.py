@@ -109,7 +109,6 @@ class _Source:
     unit: str
 
     def error(self, what: str, cure: str, *, row: int | None = None) -> SpecError:
-        """An error about the file, or about one row of it."""
         place = f'"{self.name}"' if row is None else f'"{self.name}" {self.unit} {row}'
         return SpecError(f"{self.key}: {place} {what}.", key=self.key, cure=cure)
 

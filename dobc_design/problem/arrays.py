@@ -16,10 +16,11 @@ from scipy.sparse.csgraph import connected_components
 from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import Constant, postorder
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.exact.number import number_key
-from dobc_design.problem.groups import group_numbers
+from dobc_design.exact.reading import shown
+from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import Arcs, IndexArray
 from dobc_design.problem.problem import Problem
 
@@ -38,9 +39,8 @@ def require_floats(problem: Problem) -> Problem:
         "region": () if region is None else (region.initial_states, region.initial_disturbance or 0),
         "simulation": (start.x0 or (), start.xi0 or ()),
     }
-    parts |= {
-        f"network.modes.{mode}": distinct_weights(arcs.weights)[1] for mode, arcs in problem.network.modes.items()
-    }
+    modes = problem.network.modes.items()
+    parts |= {f"network.modes.{mode}": distinct_weights(arcs.weights)[1] for mode, arcs in modes}
     parts |= {f"pinning.gains.{labels[agent]}": gain for agent, gain in problem.pinning.gains.items()}
     parts |= {f"formation.offsets.{labels[agent]}": offset for agent, offset in problem.offsets.items()}
     for key, numbers in parts.items():
@@ -51,7 +51,6 @@ def require_floats(problem: Problem) -> Problem:
 
 
 def _flat(numbers: Any) -> Iterator[Any]:
-    """The numbers in nested tuples."""
     return chain.from_iterable(map(_flat, numbers)) if isinstance(numbers, (list, tuple)) else iter((numbers,))
 
 
@@ -93,12 +92,14 @@ def places_at(problem: Problem, codes: IndexArray) -> IndexArray:
 
 def distinct_weights(weights: Sequence[Fraction]) -> tuple[IndexArray, tuple[Fraction, ...]]:
     """For every arc the place of its weight among the different ones, and these; arcs mostly share few objects."""
-    objects = {id(weight): weight for weight in weights}
-    table: dict[str, int] = {}
-    place = {key: table.setdefault(number_key(weight), len(table)) for key, weight in objects.items()}
-    different = {place[key]: weight for key, weight in reversed(objects.items())}
-    found = np.fromiter(map(place.__getitem__, map(id, weights)), dtype=np.int64, count=len(weights))
-    return found, tuple(different[k] for k in range(len(table)))
+    ids = np.fromiter(map(id, weights), dtype=np.int64, count=len(weights))
+    _, first, object_of = np.unique(ids, return_index=True, return_inverse=True)
+    place, table, different = np.zeros(len(first), dtype=np.int64), dict[str, int](), list[Fraction]()
+    for k in np.argsort(first):  # in the order in which they are met
+        weight = weights[first[k]]
+        place[k] = table.setdefault(number_key(weight), len(table))
+        different += [weight] * (len(table) - len(different))
+    return place[object_of], tuple(different)
 
 
 def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
@@ -128,11 +129,6 @@ def _ends(arcs: Iterable[Arcs]) -> tuple[IndexArray, IndexArray]:
     """Listeners and speakers of the arcs of several modes together."""
     chosen, none = list(arcs), np.zeros(0, dtype=np.int64)
     return np.concatenate([none, *(a.listeners for a in chosen)]), np.concatenate([none, *(a.speakers for a in chosen)])
-
-
-def unreached_in_union(problem: Problem) -> tuple[int, ...]:
-    """Agents that no pinned agent reaches even when the arcs of all modes are put together."""
-    return unreached(problem, problem.network.modes.values())
 
 
 def closed_groups(problem: Problem, arcs: Iterable[Arcs]) -> tuple[tuple[int, ...], ...]:
@@ -181,13 +177,16 @@ class ArcGroup:
 def chosen_mode(problem: Problem, mode: str | None) -> str:
     """Return ``mode`` if the problem has it, its first mode for None.  Raises: SpecError."""
     names = tuple(problem.network.modes)
-    if mode is None:
-        return names[0]
+    return names[0 if mode is None else mode_index(mode, names)]
+
+
+def mode_index(mode: str, names: Sequence[str]) -> int:
+    """The index of a mode.  Raises: SpecError if there is no such mode."""
     if mode not in names:
         known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        what = f"must be one of the problem's modes ({known}); got {str(mode)[:60]!r}."
+        what = f"must be one of the problem's modes ({known}); got {shown(mode)}."
         raise wrong("mode", what, "Leave it out for the first one.")
-    return mode
+    return names.index(mode)
 
 
 def chosen_gain(problem: Problem, gain: Gain | None) -> Matrix | None:
@@ -217,11 +216,8 @@ def required_gain(problem: Problem, gain: Gain | None) -> Array:
     if W is not None:
         return to_float(W)
     if problem.groups:
-        raise SpecError(
-            f'observer.W must be known to build the observer (13); problem "{problem.name}" has an exosystem but no W.',
-            key="observer.W",
-            cure="Give W in [observer], or design one and hand it over as gain=W.",
-        )
+        what = f'must be known to build the observer (13); problem "{problem.name}" has an exosystem but no W.'
+        raise wrong("observer.W", what, "Give W in [observer], or design one and hand it over as gain=W.")
     return np.zeros((0, problem.m))
 
 
@@ -234,21 +230,15 @@ def disturbance_arrays(problem: Problem, gain: Gain | None) -> Disturbance:
     n, m, q = problem.n, problem.m, problem.q
     numbers = np.array(group_numbers(problem.groups, problem.network.labels))
     A, F, C, gains = np.zeros((q, q)), np.zeros((q, q)), np.zeros((m, q)), np.zeros((n, q, m))
-    own, rest, before = np.zeros((n, q), dtype=bool), W.copy(), 0
-    for g, group in enumerate(problem.groups):
-        rows, columns = slice(before, before + group.exosystem.order), slice(g * m, (g + 1) * m)
-        system, block = group.exosystem, W[rows, columns]
+    own, before = np.zeros((n, q), dtype=bool), 0
+    for g, exact in enumerate(gains_of(problem.groups, chosen_gain(problem, gain) or ())):
+        system, block = problem.groups[g].exosystem, to_float(exact)
+        rows = slice(before, before + system.order)
         A[rows, rows], C[:, rows] = to_float(system.A), to_float(system.C)
         F[rows, rows] = A[rows, rows] - block @ C[:, rows]
         gains[numbers == g, rows] = block
         own[numbers == g, rows] = True
-        rest[rows, columns], before = 0.0, rows.stop
-    if rest.any():
-        what = (
-            "must be block diagonal, with one block per group of agents, because no agent feels the disturbance"
-            " of another group."
-        )
-        raise wrong("gain", what, "Set the entries outside of the blocks to 0.")
+        before = rows.stop
     return Disturbance(A=A, C=C, F=F, W=gains, own=own)
 
 

@@ -190,7 +190,6 @@ class _Reader:
         )
 
     def groups(self, exosystem: Any) -> list[Group]:
-        """The groups of agents, where there are several."""
         if not isinstance(exosystem, dict) or "groups" not in exosystem:
             return []
         result = []
@@ -210,7 +209,6 @@ class _Reader:
         return result
 
     def modes(self) -> dict[str, Arcs]:
-        """Arcs by mode."""
         result: dict[str, Arcs] = {}
         for position, item in enumerate(_list(self.document["modes"], key="modes")):
             mode = _object(item, ("name", "arcs"), key=f"modes[{position}]")
@@ -221,7 +219,6 @@ class _Reader:
         return result
 
     def exceptions(self, items: Any) -> dict[tuple[int, int], Any]:
-        """Coupling texts by arc."""
         result: dict[tuple[int, int], Any] = {}
         for position, item in enumerate(_list(items, key="coupling.exceptions")):
             key = f"coupling.exceptions[{position}]"
@@ -244,7 +241,6 @@ class _Reader:
         return result
 
     def index(self, value: Any, *, key: str) -> int:
-        """The index of an agent."""
         if type(value) is not int or not 0 <= value < len(self.labels):
             raise _wrong(key, "the index of an agent", value)
         return value

@@ -8,6 +8,7 @@ Key paths are those of the problem file ("pinning.gains", "observer.W"); the val
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,7 +21,7 @@ from tomlkit.exceptions import TOMLKitError
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import nearest, number_text
 from dobc_design.exact.reading import is_scalar_matrix, shown
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, converted, settings_of
 from dobc_design.problem.groups import Observer, gains_of
@@ -34,11 +35,8 @@ def typed_number(value: Fraction) -> int | float | str:
     """A rational as somebody would type it: 5, 0.42, "9/16"; reading it gives the number back."""
     if value.denominator == 1 and abs(value) < 10**15:
         return int(value)
-    try:
-        decimal = float(value)
-    except OverflowError:
-        return number_text(value)
-    return decimal if Fraction(repr(decimal)) == value else number_text(value)
+    decimal = nearest(value)
+    return decimal if math.isfinite(decimal) and Fraction(repr(decimal)) == value else number_text(value)
 
 
 def typed_matrix(matrix: Sequence[Sequence[Fraction]]) -> list[list[int | float | str]]:

@@ -58,10 +58,8 @@ def _check_symmetric(P: Matrix) -> None:
     for i, row in enumerate(P):
         for j in range(i):
             if row[j] != P[j][i]:
-                what = (
-                    f"must be symmetric, because x'Px is its only use;"
-                    f" got {shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}]."
-                )
+                got = f"{shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}]"
+                what = f"must be symmetric, because x'Px is its only use; got {got}."
                 raise wrong("observer.P", what, "Replace it by (P + P')/2.", kind=ShapeError)
 
 
@@ -176,7 +174,6 @@ def renamed(error: SpecError, number: int) -> SpecError:
 
 
 def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]) -> dict[str, int]:
-    """The number of the group of each agent that is in one."""
     known, owner = set(labels), dict[str, int]()
     for number, group in enumerate(groups):
         for place, label in enumerate(group.agents):
@@ -212,11 +209,9 @@ def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observ
     """Those in no group have [exosystem]'s own A and C; where there is nobody, nothing may be said of them."""
     nobody = "belong to nobody, because every agent is in a group of exosystem.groups."
     if rest and exosystem is None:
-        what = (
-            f"{name_some(rest)} {'is' if len(rest) == 1 else 'are'} in no group of exosystem.groups, and"
-            " [exosystem] has no A and C for the agents outside the groups."
-        )
-        raise SpecError(what, key="exosystem.A", cure="Give A and C in [exosystem], or add them to a group.")
+        what = f"{name_some(rest)} {'is' if len(rest) == 1 else 'are'} in no group of exosystem.groups, and [exosystem]"
+        cure = "Give A and C in [exosystem], or add them to a group."
+        raise SpecError(f"{what} has no A and C for the agents outside the groups.", key="exosystem.A", cure=cure)
     if exosystem is not None and not rest:
         raise wrong("exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem].")
     if exosystem is not None:
@@ -229,10 +224,8 @@ def _check_all_have_p(groups: Sequence[Group]) -> None:
     given = [group for group in groups if group.observer.P is not None]
     missing = [group for group in groups if group.observer.P is None]
     if given and missing:
-        what = (
-            f"P is given for the group of agent {shown(given[0].name)} and missing for that of agent"
-            f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they are tested together."
-        )
+        what = f"P is given for the group of agent {shown(given[0].name)} and missing for that of agent"
+        what += f" {shown(missing[0].name)}; Psi holds the P of all groups at once, so that they are tested together."
         cure = "Give P (and W) for every group, or for none: a P is then found for you."
         raise SpecError(what, key="exosystem.groups", cure=cure)
 
@@ -284,11 +277,9 @@ def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
     m = groups[0].exosystem.outputs if groups else 0
     found = blocks_of(W, [(order, m) for order in orders])
     if found is None:
-        what = (
-            "W must be block diagonal, with one block per group of agents, because no agent feels the disturbance of"
-            " another group."
-        )
-        raise SpecError(what, key="gain", cure="Set the entries outside of the blocks to 0.")
+        because = "because no agent feels the disturbance of another group."
+        what = f"must be block diagonal, with one block per group of agents, {because}"
+        raise wrong("gain", what, "Set the entries outside of the blocks to 0.")
     return found
 
 

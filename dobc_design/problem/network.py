@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._show.cards import MOST_ROWS, Card, Shown, cut, listed
-from dobc_design.errors import SpecError, about, raise_all, wrong
+from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import MOST_ERRORS, NumberText, counted, is_list, named, shown, shown_number
 
@@ -118,12 +118,10 @@ def arcs_from_pairs(pairs: Sequence[Sequence[Any]], *, index: Mapping[str, int],
     errors: list[SpecError] = []
     found: list[tuple[int, int, Any]] = []
     for position, pair in enumerate(pairs):
-        try:
+        with kept(errors):
             found.append(_read_pair(pair, index, key=f"{key}[{position}]"))
-        except SpecError as error:
-            errors.append(error)
-            if len(errors) >= MOST_ERRORS:
-                break
+        if len(errors) >= MOST_ERRORS:
+            break
     raise_all(errors)
     first, second = (np.array([arc[end] for arc in found], dtype=np.int64) for end in (0, 1))
     return directed(first, second, parse_weights([arc[2] for arc in found], key=key), arrow=arrow)
@@ -165,10 +163,8 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
         raise about(f"{key}[{position}]", what, "Remove one of the two, or give one arc with the sum of the weights.")
     if any(w is not ONE and w <= 0 for w in arcs.weights):
         position = next(i for i, w in enumerate(arcs.weights) if w <= 0)
-        what = (
-            f"a weight must be > 0, because it multiplies h;"
-            f" {_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}."
-        )
+        found = f"{_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}"
+        what = f"a weight must be > 0, because it multiplies h; {found}."
         raise about(f"{key}[{position}]", what, "Leave the arc out, or put the sign into h.")
 
 
@@ -224,10 +220,8 @@ class Network(Shown):
         if len(set(self.labels)) < len(self.labels):
             first: dict[str, int] = {}
             repeated = next(label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i)
-            what = (
-                f"must be different from one another; {shown(repeated)} stands there twice"
-                ' (labels are text: 1 and "1" are one label).'
-            )
+            what = f"must be different from one another; {shown(repeated)} stands there twice"
+            what += ' (labels are text: 1 and "1" are one label).'
             raise wrong("network.agents", what, "Rename one of the two.")
         if not self.modes:
             what = "must hold at least one mode; got none."
@@ -371,10 +365,8 @@ class Network(Shown):
             table = each.tocoo(copy=True)
             table.sum_duplicates()
             if table.shape[0] != table.shape[1] or size not in (0, table.shape[0]):
-                what = (
-                    f"the matrix must be square, with one row and column per agent"
-                    f"{f' ({size} x {size})' if size else ''}; got shape {table.shape}."
-                )
+                wanted = f" ({size} x {size})" if size else ""
+                what = f"the matrix must be square, with one row and column per agent{wanted}; got shape {table.shape}."
                 raise about(key, what, "Give an n x n matrix for every mode, and n labels or none.")
             size = table.shape[0]
             keep = table.data != 0

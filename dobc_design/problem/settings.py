@@ -88,10 +88,8 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
     key = "region.initial_disturbance"
     if value is None:
         if with_exosystem:
-            what = (
-                "is required when there is an [exosystem]: an e-ball alone is not invariant,"
-                " because a large estimation error pushes the states out of it."
-            )
+            because = "because a large estimation error pushes the states out of it"
+            what = f"is required when there is an [exosystem]: an e-ball alone is not invariant, {because}."
             raise wrong(key, what, "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.")
         return None
     number = parse_number(value, key=key)
@@ -115,11 +113,6 @@ class Simulation:
     xi0: Rows | None
     x0: Rows | None = None
 
-    @property
-    def horizon(self) -> float:
-        """``t_final`` as a float, in s."""
-        return float(self.t_final)
-
 
 def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
     """Read the [simulation] table; ``orders``: that of the exosystem, or n of them where agents have different ones."""
@@ -137,10 +130,8 @@ def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
     key, q, n_rows = "simulation.xi0", orders[0], counted(len(orders), "row")
     if len(orders) > 1:  # one row per agent, as long as the order of its own exosystem
         if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
-            what = (
-                f"must have {n_rows}, one per agent, because the groups of exosystem.groups"
-                f" differ in order; got {shown(value)}."
-            )
+            because = "because the groups of exosystem.groups differ in order"
+            what = f"must have {n_rows}, one per agent, {because}; got {shown(value)}."
             cure = "Give every agent a row with one number per state of its own exosystem."
             raise wrong(key, what, cure, kind=ShapeError)
         because = "one per state of this agent's exosystem"
@@ -166,10 +157,8 @@ def _rows(value: Any, *, key: str, n: int, width: int, because: str) -> Rows:
     """One list of ``width`` numbers for all agents, or a list for each."""
     if is_list(value) and len(value) > 0 and all(is_list(row) for row in value):
         if len(value) not in (1, n):
-            what = (
-                f"must have {counted(n, 'row')}, one per agent, or be one list of {counted(width, 'number')};"
-                f" got {counted(len(value), 'row')}."
-            )
+            what = f"must have {counted(n, 'row')}, one per agent, or be one list of {counted(width, 'number')};"
+            what += f" got {counted(len(value), 'row')}."
             raise wrong(key, what, "Give one row for all agents, or one each.", kind=ShapeError)
         return tuple(read_vector(row, key=f"{key}[{i}]", length=width, because=because) for i, row in enumerate(value))
     if not is_list(value):
@@ -337,10 +326,8 @@ def _read_generator(value: Any, key: str) -> Matrix:
                 what = f"must be >= 0, because it is a rate (1/s); got {shown_number(rate)}."
                 raise wrong(place, what, "Only the diagonal is negative.")
         if sum(row):
-            what = (
-                f"must add up to 0, because a chain that leaves a mode enters another; got"
-                f" {shown_number(sum(row, Fraction(0)))}."
-            )
+            total = shown_number(sum(row, Fraction(0)))
+            what = f"must add up to 0, because a chain that leaves a mode enters another; got {total}."
             raise wrong(f"{key}[{k}]", what, f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.")
     return matrix
 

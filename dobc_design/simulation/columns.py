@@ -285,7 +285,7 @@ class Stack:
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:
         """Nothing is kept from one mode to the next."""
 
-    def integrate(self, times: Array, *, tolerance: float, visit: Visit) -> Ends:
+    def integrate(self, times: Array, *, tolerance: float, visit: Visit, most: int = 0) -> Ends:
         """Integrate all runs over ``times`` from 0; ``visit`` gets places of samples and runs (k,), and e (n m, k)."""
         runs = np.arange(self.e.shape[1])
         visit(np.zeros_like(runs), runs, self.e)
@@ -297,7 +297,7 @@ class Stack:
             end=float(times[-1]),
             farthest=FARTHEST * np.maximum(1.0, self.size(self.e)),
             switches=self.switches,
-            most=MOST_STEPS,
+            most=most or MOST_STEPS,
             tolerance=tolerance,
             visit=visit,
         )

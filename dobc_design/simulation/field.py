@@ -319,10 +319,8 @@ def act(matrix: Array, y: Array) -> Array:
 
 def make_loop(problem: Problem, gain: Gain | None) -> Loop:
     """Read the problem's numbers as floats.  Raises: SpecError without a W, or for a gain that does not fit."""
-    given = asdict(arrays.disturbance_arrays(problem, gain))
-    return Loop(
-        n=problem.n, m=problem.m, q=problem.q, K=arrays.pinning_matrix(problem), goal=arrays.goals(problem), **given
-    )
+    given = asdict(arrays.disturbance_arrays(problem, gain)) | {"K": arrays.pinning_matrix(problem)}
+    return Loop(n=problem.n, m=problem.m, q=problem.q, goal=arrays.goals(problem), **given)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

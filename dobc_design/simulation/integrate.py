@@ -33,7 +33,7 @@ BOUNDARY = 6.1  # |h lambda| on the boundary of stability of DOP853 (Hairer, Nor
 PATIENCE = 15  # steps on that boundary after which the loop counts as stiff, if ...
 MANY = 3000  # ... so many steps would be left
 MOST_STEPS = 10_000_000  # of one run: refused as soon as that many are foreseen, ...
-LOOK_AHEAD = 10_000  # ... at the pace of the last so many
+LOOK_AHEAD = 5_000  # ... at the pace of the last so many
 
 Piece = tuple[Derivative, Pattern, Stay]  # a stretch without a switch
 
@@ -239,7 +239,6 @@ class Integration:
 
 
 def _stepped(solver: Any) -> bool:
-    """Advance by one accepted step; False if that is impossible."""
     try:
         solver.step()
     except (RuntimeError, ValueError, np.linalg.LinAlgError):  # the implicit method met a Jacobian that is not finite

@@ -220,7 +220,7 @@ def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | 
             modes = Nearby(signal, problem, setting.horizon)
         else:
             drawn = settings.switches_for(setting, seed)
-            modes = Planned(drawn, settings.groups_for(setting, drawn), setting.horizon)
+            modes = Planned(drawn, partial(settings.groups_for, setting, drawn), setting.horizon)
         if stress is None:
             run, parts = _calm(setting, start, modes, progress)
         else:
@@ -357,7 +357,7 @@ class _Collector:
         """Runs side by side, a bounded number at a time; a given motion gives all of them the same switches."""
         setting, loop, stress = self.setting, self.setting.loop, self.setting.stress
         shared = settings.switches_for(setting, setting.seed)
-        groups, room = settings.groups_for(setting, shared), COLUMN_NUMBERS // (loop.n * loop.m)
+        groups, room = partial(settings.groups_for, setting, shared), COLUMN_NUMBERS // (loop.n * loop.m)
         if stress is not None:
             arcs = sum(each.shape[1] for each in shared.graphs) or sum(map(len, setting.problem.network.modes.values()))
             room = min(room, 8 * COLUMN_NUMBERS // (max(1, arcs) * loop.m))

@@ -20,11 +20,11 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Shown, Told
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
-from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, no_gain, require_floats
+from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, mode_index, no_gain, require_floats
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
@@ -32,7 +32,7 @@ from dobc_design.simulation._arguments import finite_array, not_negative, positi
 from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, make_loop
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
-from dobc_design.simulation.switches import Switches, groups_of, mode_index, motion_switches, scheduled_switches
+from dobc_design.simulation.switches import Switches, groups_of, motion_switches, scheduled_switches
 from dobc_design.simulation.trajectory import UnfitError, describing, read_arrays, require
 
 EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchange is given
@@ -62,7 +62,7 @@ class Failure(Shown):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Stress(Shown):
+class Stress(Told):
     """Options that can be combined; what is left out does not happen.
 
     ``noise``: standard deviation of every measured component, in the unit of x, drawn anew at every exchange (every
@@ -119,9 +119,6 @@ class Stress(Shown):
             shape = (0, 0)
         gain = finite_array(given, "sampled_gain", shape=shape, because="one row per exosystem state")
         put(self, sampled_gain=tuple(map(tuple, np.atleast_2d(gain).tolist())))
-
-    def _card(self) -> Card:
-        return Card(title="Stress", text=str(self))
 
     @property
     def is_calm(self) -> bool:
@@ -204,7 +201,6 @@ class Starts:
     own: NDArray[np.bool_] | None = None
 
     def draw(self, seed: int) -> Start:
-        """The start of the run with this seed."""
         rng = np.random.default_rng(seed)
         x, xi = self.x, self.xi
         if x is None:
@@ -408,16 +404,12 @@ def switches_for(setting: Setting, seed: int) -> Switches:
     return scheduled_switches(signal, tuple(setting.problem.network.modes), setting.horizon, seed)
 
 
-def groups_for(setting: Setting, switches: Switches) -> Callable[[int], Sequence[ArcGroup]]:
+def groups_for(setting: Setting, switches: Switches, mode: int) -> Sequence[ArcGroup]:
     """The arcs of a mode by its index: the problem's own, or those of a mobile graph."""
-
-    def groups(mode: int) -> Sequence[ArcGroup]:
-        if switches.graphs:
-            listeners, speakers = switches.graphs[mode]
-            return groups_of(setting.problem, listeners * setting.problem.n + speakers)
-        return setting.groups(switches.names[mode])
-
-    return groups
+    if switches.graphs:
+        listeners, speakers = switches.graphs[mode]
+        return groups_of(setting.problem, listeners * setting.problem.n + speakers)
+    return setting.groups(switches.names[mode])
 
 
 def describe(signal: Signal, problem: Problem) -> str:

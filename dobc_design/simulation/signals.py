@@ -16,8 +16,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.errors import ShapeError, SpecError, wrong
+from dobc_design.exact.number import nearest
 from dobc_design.exact.reading import counted, is_list
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.problem import Problem
@@ -183,7 +184,7 @@ class Waypoints(Shown):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Mobile(Shown):
+class Mobile(Told):
     """Who is near enough is heard: all agents within ``radius``, or the ``neighbours`` nearest ones.
 
     ``hysteresis`` >= 0, a distance: a link within the radius is kept up to radius + hysteresis; one of the nearest
@@ -206,9 +207,6 @@ class Mobile(Shown):
         if self.neighbours is not None:
             put(self, neighbours=whole(self.neighbours, "neighbours", least=1))
         put(self, hysteresis=not_negative(self.hysteresis, "hysteresis"))
-
-    def _card(self) -> Card:
-        return Card(title="Mobile", text=str(self))
 
     def __str__(self) -> str:
         near = f"within {self.radius:g}" if self.radius is not None else f"{self.neighbours} nearest"
@@ -261,7 +259,6 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
 
 
 def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
-    """One round in a given time: equal stays, or those of a schedule."""
     whole = own.period or Fraction(0)
     if own.schedule is None:
         return Periodic(dwell=_float(whole / len(own.sequence or names), "switching.period"), order=own.sequence)
@@ -272,10 +269,7 @@ def _rounds(own: Switching, names: tuple[str, ...]) -> Periodic:
 
 def _float(value: Fraction, key: str) -> float:
     """Raises: SpecError for a number beyond the range of floats."""
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
+    number = nearest(value)
     if math.isinf(number) or (number == 0 and value):
         raise wrong(key, "is beyond the range of floats.", "Choose other units.")
     return number

@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.reading import counted, is_list, shown
-from dobc_design.problem.arrays import ArcGroup, Array, places_at, split_by
+from dobc_design.problem.arrays import ArcGroup, Array, mode_index, places_at, split_by
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.signals import Fixed, Markov, Mobile, Periodic, RandomDwell, Schedule, Scheduled, Waypoints
@@ -72,15 +72,6 @@ def scheduled_switches(signal: Scheduled, names: tuple[str, ...], horizon: float
         times, modes = _markov(signal, names, horizon, rng)
     changes = np.concatenate([[True], modes[1:] != modes[:-1]])
     return Switches(times=times[changes].astype(np.float64), modes=modes[changes].astype(np.int64), names=names)
-
-
-def mode_index(mode: str, names: tuple[str, ...]) -> int:
-    """The index of a mode.  Raises: SpecError if there is no such mode."""
-    if mode not in names:
-        known = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
-        message = f"must be one of the problem's modes ({known}); got {shown(mode)}."
-        raise wrong("mode", message, "Leave it out for the first one.")
-    return names.index(mode)
 
 
 def refuse_too_many(count: float) -> None:

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from os import PathLike
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -283,7 +284,6 @@ def _require_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
 
 
 def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
-    """The trajectory, if what the file says makes sense.  Raises: UnfitError."""
     known = isinstance(facts, dict) and facts.get("format") == FORMAT and facts.get("version") == VERSION
     require(known, f'it must say "format": "{FORMAT}", version {VERSION}')
     given: dict[str, Any] = {name: facts[name] for name in PLAIN if name in facts}
@@ -417,8 +417,7 @@ def summary(times: Array, error: Array, diverged: NDArray[np.bool_]) -> dict[str
 def _median_and_max(values: Sequence[float]) -> dict[str, float | None]:
     if not values:
         return {"median": None, "max": None}
-    middle = sorted(values)[(len(values) - 1) // 2 : len(values) // 2 + 1]
-    found = {"median": sum(middle) / len(middle), "max": max(values)}
+    found = {"median": median(values), "max": max(values)}
     return {name: value if math.isfinite(value) else None for name, value in found.items()}
 
 

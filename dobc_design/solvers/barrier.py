@@ -36,11 +36,9 @@ class Basis:
 
     @property
     def size(self) -> int:
-        """Number of unknowns in Y."""
         return 1 if self.tied else len(self.rows)
 
     def matrix(self, y: Array) -> Array:
-        """Y from its unknowns."""
         if self.tied:
             return np.asarray(y[0] * np.eye(self.n))
         Y = np.zeros((self.n, self.n))
@@ -49,7 +47,6 @@ class Basis:
         return Y
 
     def unknowns(self, Y: Array) -> Array:
-        """The unknowns of a Y of this kind."""
         return np.asarray([np.mean(np.diag(Y))]) if self.tied else np.asarray(Y[self.rows, self.columns])
 
     def traces(self, M: Array) -> Array:
@@ -110,7 +107,6 @@ class Block:
     dense: Mapping[int, Array] = field(default_factory=dict)
 
     def value(self, Y: Array, x: Array) -> Array:
-        """F at a point."""
         F = self.constant + self.plain * Y if self.plain else self.constant.copy()
         if self.sides is not None:
             product = self.sides[0] @ Y @ self.sides[1].T
@@ -134,11 +130,9 @@ class Inequalities:
     limits: Array
 
     def split(self, point: Array) -> tuple[Array, Array]:
-        """Y and the scalars."""
         return self.basis.matrix(point[: self.basis.size]), point[self.basis.size :]
 
     def join(self, Y: Array, scalars: Sequence[float] | Array) -> Array:
-        """A point."""
         return np.concatenate([self.basis.unknowns(Y), np.asarray(scalars, dtype=float)])
 
     def barrier(self, point: Array) -> float:
@@ -162,7 +156,6 @@ class Inequalities:
         return total
 
     def holds(self, point: Array) -> bool:
-        """Whether the point is strictly inside, in floating point."""
         return math.isfinite(self.barrier(point))
 
     def derivatives(self, point: Array) -> tuple[Array, Array]:

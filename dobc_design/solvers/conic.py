@@ -17,6 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil, below, positive
+from dobc_design.exact.symmetric import Symmetric
 from dobc_design.solvers.program import (
     FAILED,
     Array,
@@ -74,11 +75,14 @@ def solve_cones(
     an answer without values where the solver fails in any way; it never raises for that."""
     import clarabel
 
+    size, curved = len(cost), np.zeros(len(cost)) if squares is None else squares
+    kept = np.flatnonzero(curved)
+
     def kind(cone: Cone) -> Any:
-        size = len(cone.right)
+        rows = len(cone.right)
         if cone.kind == "semidefinite":
-            return clarabel.PSDTriangleConeT(_order(size))
-        return clarabel.NonnegativeConeT(size) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(size)
+            return clarabel.PSDTriangleConeT(_order(rows))
+        return clarabel.NonnegativeConeT(rows) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(rows)
 
     stack = np.vstack if all(isinstance(each.rows, np.ndarray) for each in cones) else sparse.vstack
     try:
@@ -88,18 +92,27 @@ def solve_cones(
         if accuracy is not None:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
         answer = clarabel.DefaultSolver(
-            sparse.csc_matrix(sparse.diags_array(np.zeros(len(cost)) if squares is None else squares)),
+            sparse.csc_matrix((curved[kept], kept, np.searchsorted(kept, np.arange(size + 1))), shape=(size, size)),
             cost,
-            sparse.csc_matrix(stack([each.rows for each in cones])),
+            _by_columns(stack([each.rows for each in cones])),
             np.concatenate([each.right for each in cones]),
             [kind(each) for each in cones],
             settings,
         ).solve()
-        return _read(answer, len(cost))
+        return _read(answer, size)
     except BaseException as error:  # Clarabel panics with pyo3's PanicException, which is no Exception
         if not is_solver_failure(error):
             raise
         return ConeAnswer(status=f"{FAILED}{type(error).__name__}")
+
+
+def _by_columns(rows: Any) -> Any:
+    """A NumPy or SciPy array as Clarabel takes it; dense ones without SciPy's detour."""
+    if not isinstance(rows, np.ndarray):
+        return sparse.csc_matrix(rows)
+    columns, places = np.nonzero(rows.T)
+    ends = np.searchsorted(columns, np.arange(rows.shape[1] + 1))
+    return sparse.csc_matrix((rows[places, columns], places, ends), shape=rows.shape)
 
 
 def _read(answer: Any, size: int) -> ConeAnswer:
@@ -116,16 +129,16 @@ def _read(answer: Any, size: int) -> ConeAnswer:
 
 def svec(matrix: Any) -> Array:
     """The upper triangle (n (n + 1)/2,) of a NumPy or SciPy array (n, n), column by column, others times sqrt 2."""
-    if isinstance(matrix, np.ndarray):
-        i, j, weights = _triangle(len(matrix))
-        dense: Array = weights * matrix[i, j]
-        return dense
-    table = sparse.coo_array(matrix)
-    size = table.shape[0]
-    upper = table.row <= table.col
-    i, j, values = table.row[upper].astype(np.int64), table.col[upper].astype(np.int64), table.data[upper]
-    result = np.zeros(size * (size + 1) // 2)
-    np.add.at(result, j * (j + 1) // 2 + i, np.where(i == j, values, ROOT2 * values))
+    dense = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    i, j, weights = _triangle(len(dense))
+    return np.asarray(weights * dense[i, j])
+
+
+def svec_exact(matrix: Symmetric) -> Array:
+    """``svec`` of an exact matrix, from its entries.  Raises: OverflowError beyond the floats."""
+    result = np.zeros(matrix.size * (matrix.size + 1) // 2)
+    for (i, j), entry in matrix.entries.items():
+        result[j * (j + 1) // 2 + i] = float(entry) * (1.0 if i == j else ROOT2)
     return result
 
 
@@ -139,9 +152,9 @@ def _triangle(size: int) -> tuple[Any, Any, Array]:
 def smat(vector: Array) -> Array:
     """The symmetric matrix (n, n) that ``svec`` writes as ``vector`` (n (n + 1)/2,)."""
     size = _order(len(vector))
-    columns, rows = np.tril_indices(size)
+    i, j, weights = _triangle(size)
     result = np.zeros((size, size))
-    result[rows, columns] = result[columns, rows] = np.where(rows == columns, vector, vector / ROOT2)
+    result[i, j] = result[j, i] = vector / weights
     return result
 
 
@@ -171,10 +184,10 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
         rows = np.zeros((pencil.size * (pencil.size + 1) // 2, len(cost)))
         for k, place in enumerate(places):
             if place in pencil.coefficients:
-                rows[:, k] = svec(as_sparse(pencil.coefficients[place]))
+                rows[:, k] = svec_exact(pencil.coefficients[place])
         if with_t:
             rows[svec_diagonal(pencil.size), -1] = -1.0
-        return Cone("semidefinite", rows, -svec(as_sparse(pencil.constant)))
+        return Cone("semidefinite", rows, -svec_exact(pencil.constant))
 
     try:
         cones = [cone(pencil, with_t=margin) for pencil in program.pencils]

@@ -67,7 +67,6 @@ class Draw:
     arguments: tuple[str, ...]
 
     def value(self, seed: int, axis: str, sample: int) -> str:
-        """The value of one sample, as text."""
         u = Random(f"{seed}|{axis}|{sample}").random()
         if self.kind == "choice":
             return self.arguments[int(u * len(self.arguments))]
@@ -92,7 +91,6 @@ class Axis:
 
     @property
     def text(self) -> str:
-        """The axis in a line."""
         if self.draw is not None:
             return f"{self.name}=~{self.draw.kind}({','.join(self.draw.arguments)})"
         return f"{self.name}={','.join(self.values)}"

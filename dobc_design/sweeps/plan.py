@@ -24,6 +24,7 @@ from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem, parse_toml, read_problem_tables, source_text
 from dobc_design.problem.problem import Problem
+from dobc_design.simulation._arguments import put, whole
 from dobc_design.sweeps.axes import Axis, read_axes, read_value, with_changes
 from dobc_design.verdict import Verdict
 
@@ -73,7 +74,7 @@ class Task:
         if self.kind not in COLUMNS:
             cure = "Choose one."
             raise SpecError(f"task must be one of {', '.join(COLUMNS)}; got {shown(self.kind)}.", key="task", cure=cure)
-        require_whole("runs", self.runs, least=1)
+        put(self, runs=whole(self.runs, "runs", least=1))
         if self.kind == "certify" and self.runs != 1:
             raise SpecError("runs is for simulations; a proof is made once.", key="runs", cure='Take task="simulate".')
         if self.kind == "simulate" and self.everything:
@@ -85,7 +86,6 @@ class Task:
         return COLUMNS[self.kind]
 
     def to_json(self) -> dict[str, Any]:
-        """JSON object."""
         own = {"everything": self.everything} if self.kind == "certify" else {"runs": self.runs}
         return {"kind": self.kind, **own}
 
@@ -95,7 +95,6 @@ class Task:
         from dobc_design.simulation import runs  # noqa: F401 - likewise
 
     def run(self, problem: Problem) -> dict[str, Any]:
-        """Do it and return the columns."""
         if self.kind == "certify":
             from dobc_design.certification.certify import certify
 
@@ -184,7 +183,6 @@ class Plan:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of ``document``, as hexadecimal text."""
         text = json.dumps(self.document, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
         return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
@@ -207,9 +205,8 @@ def make_plan(
     if not drawn and samples is not None:
         message = "samples must be left out when nothing is drawn; the grid is gone through once."
         raise SpecError(message, key="samples", cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.")
-    samples = 1 if samples is None else samples
-    require_whole("samples", samples, least=1)
-    require_whole("seed", seed, least=0)
+    samples = 1 if samples is None else whole(samples, "samples", least=1)
+    seed = whole(seed, "seed", least=0)
     text = None if isinstance(source, Problem) else source_text(source)
     plan = Plan(
         name=problem.name,
@@ -239,9 +236,3 @@ def _tables(text: str | None, problem: Problem) -> Mapping[str, Any]:
         if "exceptions" in tables["coupling"]:
             tables["coupling"]["exceptions"] = whole["coupling"]["exceptions"]
     return tables
-
-
-def require_whole(name: str, value: Any, *, least: int) -> None:
-    """Raise a SpecError unless ``value`` is a whole number >= ``least``."""
-    if type(value) is not int or value < least:
-        raise SpecError(f"{name} must be a whole number >= {least}; got {shown(value)}.", key=name, cure="Correct it.")

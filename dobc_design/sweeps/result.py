@@ -96,7 +96,6 @@ class Journal:
 
     @property
     def lines(self) -> tuple[Outcome, ...]:
-        """The lines in the order of the cases."""
         return tuple(self.done[case] for case in sorted(self.done))
 
     def append(self, line: Outcome) -> None:

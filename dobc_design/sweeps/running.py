@@ -30,7 +30,8 @@ from dobc_design.exact.reading import shown
 from dobc_design.exact.work import read_time_limit
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.problem import Problem
-from dobc_design.sweeps.plan import Plan, Task, make_plan, require_whole
+from dobc_design.simulation._arguments import whole
+from dobc_design.sweeps.plan import Plan, Task, make_plan
 from dobc_design.sweeps.result import TIME, Journal, Outcome, SweepResult, to_be_done_again
 
 Backend = dict[str, Any]  # what joblib is to work with: processes of this machine, or a cluster
@@ -63,7 +64,6 @@ class State:
 
     @property
     def time_left(self) -> str:
-        """The time left in words."""
         if self.done == self.total:
             return f"finished after {duration(self.elapsed)}"
         if self.left is None:
@@ -111,7 +111,7 @@ def sweep(
         ['refuted', 'proved']
     """
     if jobs is not None:
-        require_whole("jobs", jobs, least=1)
+        whole(jobs, "jobs", least=1)
     limit = None if time_limit is None else read_time_limit(time_limit)
     plan = make_plan(problem, over, task=Task(kind=task, everything=everything, runs=runs), samples=samples, seed=seed)
     _require_one(plan)
@@ -352,7 +352,6 @@ class Clock:
         self.count, self.total, self.squares = 0, 0.0, 0.0
 
     def add(self, seconds: float) -> None:
-        """One case took so long."""
         self.count, self.total, self.squares = self.count + 1, self.total + seconds, self.squares + seconds**2
 
     def left(self, ahead: int, *, elapsed: float) -> tuple[float, float] | None:

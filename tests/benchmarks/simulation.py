@@ -28,7 +28,7 @@ RUNS, ALONE = 1000, 25  # runs side by side; runs one by one that are timed and 
 GROWTH = (1000, 10_000, 100_000, 1_000_000)
 MEMORY = """
 import resource, sys
-sys.path.insert(0, {folder!r})
+sys.path[:0] = [{folder!r}, {support!r}]
 from simulation import large
 from loops import simulate_many
 from dobc_design.simulation.signals import Periodic
@@ -127,7 +127,7 @@ def memory() -> dict[str, Any]:
     """Peak resident memory in GiB stands in for the ratio."""
     from pathlib import Path
 
-    script = MEMORY.format(folder=str(Path(__file__).parent))
+    script = MEMORY.format(folder=str(own := Path(__file__).parent), support=str(own.parent / "support"))
     done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     peak = int(done.stdout) / 2**30
     return {

@@ -44,6 +44,7 @@ def as_bytes(document):
     return json.dumps(document).encode()
 
 
+@pytest.mark.slow
 def test_claims_come_back_as_they_were_written_and_the_same_problem_gives_the_same_bytes():
     """No time stamps; same input and versions give the same claims."""
     for seed in range(10):

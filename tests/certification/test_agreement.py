@@ -165,6 +165,17 @@ def test_what_the_second_program_refuses_is_not_written(which: str, disturbed, m
     assert verify(certificate_bytes(claims), problem).failures == ()
 
 
+@pytest.mark.parametrize("said", ["the row of agent 1 is not shown", "it is refuted here"])
+def test_a_limit_of_the_second_program_is_told_from_a_contradiction(said: str, monkeypatch: pytest.MonkeyPatch):
+    problem, _ = CASES["list"]
+    claims = certify(problem).claims
+    monkeypatch.setattr(rechecks.checker, "examine", lambda *_: [(i < 3, said) for i in range(4 + len(claims.checks))])
+    reasons = {check.reason for check in rechecks.agreed(claims, problem).checks}
+    assert all(
+        said in reason and ("please report it" in reason) is (said == "it is refuted here") for reason in reasons
+    )
+
+
 def test_a_problem_that_the_second_program_cannot_read_has_no_proof(monkeypatch: pytest.MonkeyPatch):
     def refuses(data: bytes, document: bytes):
         raise Refused("too deep")

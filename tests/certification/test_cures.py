@@ -215,6 +215,7 @@ def test_what_holds_and_kinked_couplings_get_no_cure_and_a_library_that_breaks_d
     assert certificate.check("lemma1").fix is None
 
 
+@pytest.mark.slow
 def test_random_refuted_problems_have_true_witnesses_and_cures_that_prove():
     tally = cure_campaign(range(9))
     assert tally.wrong == []

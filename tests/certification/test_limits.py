@@ -9,6 +9,8 @@ import json
 import os
 import subprocess
 import sys
+from fractions import Fraction
+from itertools import combinations
 from pathlib import Path
 from random import Random
 
@@ -25,8 +27,9 @@ CHILD = """
 import resource, runpy, sys
 resource.setrlimit(resource.RLIMIT_CPU, (120, 120))
 resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
-sys.argv = sys.argv[1:]
-runpy.run_module("dobc_design", run_name="__main__")
+alone = sys.argv[2] == "checker"
+sys.argv = sys.argv[2 if alone else 1 :]
+runpy.run_module("dobc_design.checker" if alone else "dobc_design", run_name="__main__")
 """
 
 
@@ -43,6 +46,23 @@ def dense(order: int) -> str:
     return f"[exosystem]\nA = {A}\nC = {C}\n"
 
 
+def given(order: int, groups: int = 1, *, region: str = "[-1, 1]") -> str:
+    """Dense exosystems, skew-symmetric but for the diagonal, each with a W that keeps the errors stable."""
+    random, text = Random(5), 'h = "y+tanh(y)"\n[pinning]\ngains = { 3 = 2 }\n'
+    for agent in range(1, groups + 1):
+        A = [[Fraction(-(i == j), 2) for j in range(order)] for i in range(order)]
+        for i, j in combinations(range(order), 2):
+            A[i][j] = Fraction(random.randint(-9, 9), random.randint(2, 9))
+            A[j][i] = -A[i][j]
+        A, C, W = ([[str(x) for x in row] for row in M] for M in (A, [[1] * order], [["1/10"]] * order))
+        own = f"agents = [{agent}]\nW = {W}\n" if groups > 1 else ""
+        text += f"[{'[exosystem.groups]' if groups > 1 else 'exosystem'}]\n{own}A = {A}\nC = {C}\n"
+    observer = "" if groups > 1 else f"[observer]\nW = {W}\n"
+    start = f"[region]\ninitial_states = {region}\ninitial_disturbance = 0.1\n" if region else ""
+    network = 'target = 0\n[network]\nagents = 3\narrow = "listens_to"\n[network.modes]\nG = [[1, 2], [2, 3]]\n'
+    return f"{network}[coupling]\n{text}{observer}{start}"
+
+
 def many_modes(count: int) -> str:
     return "\n".join(f"m{i} = [[1, 2], [2, 3], [3, 1, {1 + i}]]" for i in range(count))
 
@@ -57,7 +77,7 @@ HANGS = {
     "touches": (problem_text("log(1+y**2)+y", modes="a = [[1, 2], [2, 3], [3, 1]]\nb = [[1, 3], [3, 2], [2, 1]]"), 0),
     "tower": (problem_text("(((y+1)**64+y)**64+y)**64 - 1"), 3),
     "nested": (problem_text(NESTED), 3),
-    "modes": (problem_text(modes=many_modes(3000)), 0),
+    "modes": (problem_text(modes=many_modes(3000), region="[-1, 1]"), 0),
     "order 40": (problem_text("y", more=dense(40), region=""), 3),
     "given W": (problem_text("y", more=f"{dense(40)}[observer]\nW = {[[1]] * 40}\n", region=""), 3),
     "order 200": (problem_text("y", more=dense(200), region=""), 3),
@@ -75,6 +95,20 @@ def test_what_hung_ends_with_a_certificate_that_both_programs_confirm(name: str,
     assert found.returncode == code, found.stderr[-500:]
     again = ran(tmp_path, "verify", "out/certificate.json", "--problem", "problem.toml", "--json")
     assert again.returncode == 0, again.stdout[-500:]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
+@pytest.mark.parametrize(("order", "groups"), [(20, 3), (40, 1), (200, 1)])
+def test_a_given_gain_for_a_large_exosystem_ends_with_a_proof_of_the_region(order: int, groups: int, tmp_path: Path):
+    """The semidefinite program for the error bound has q^2/2 unknowns; a Lyapunov equation proposes it as well."""
+    text = given(order // groups, groups)
+    (tmp_path / "problem.toml").write_text(text, encoding="utf-8")
+    found = ran(tmp_path, "certify", "problem.toml", "--no-report", "--out", "out")
+    assert found.returncode == 0, found.stderr[-500:]
+    assert "max-separable" in found.stdout
+    assert ran(tmp_path, "verify", "out/certificate.json", "--problem", "problem.toml").returncode == 0
+    assert ran(tmp_path, "checker", "out/certificate.json", "out/problem.json").returncode == 0
 
 
 @pytest.mark.parametrize("radius", [1, "7/5"])

@@ -63,6 +63,7 @@ def test_a_region_below_it_is_proved():
     assert dd.verify(certificate, problem).holds
 
 
+@pytest.mark.slow
 def test_without_a_region_the_far_equilibrium_does_not_count():
     """The question is then about every neighbourhood of the target, and so it stays where the check is smuggled in."""
     problem = listening_pair(reach=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -211,7 +212,7 @@ def test_the_ascent_leaves_the_basin_from_a_start_that_converges():
     box = asked_box(problem, make_loop(problem, None))
     flow = build_flow(problem, horizon=8.0, steps=200)
     start = np.array([1.5, -1.5])
-    e, _ = ascend(flow, box, (start, np.zeros((2, 0))), final_error(2))
+    e, _ = ascend(flow, box, (start, np.zeros((2, 0))), partial(final_error, 2))
     assert np.all(np.abs(e) <= 1.7)
     ends = [solve_ivp(lambda t, x: field(problem, "G", x), (0, 200), each).y[:, -1] for each in (start, e)]
     assert np.max(np.abs(ends[0])) < 1e-6
@@ -224,7 +225,7 @@ def test_the_ascent_never_ends_lower_than_it_began(seed: int):
     problem = random_problem(80 + seed, couplings=("tanh(y)", "atan(2*y)"), modes=1, n=4, held=True)
     level = level_of(problem, certificate_of(problem, F(2)))
     starts = Boundary(level=level, loop=make_loop(problem, None))
-    flow, objective = build_flow(problem, horizon=1.0, steps=200), final_level(level, 4, 0)
+    flow, objective = build_flow(problem, horizon=1.0, steps=200), partial(final_level, level, 4, 0)
     e, eps = starts.draw(np.random.default_rng(seed), 5, "random")
     gains = []
     for run in range(5):

@@ -220,6 +220,7 @@ def test_what_breaks_first_has_one_panel_per_option_with_its_border(switched):
     assert verticals == {"longest that works": 0.15, "certified": 0.05}
 
 
+@pytest.mark.slow
 def test_a_figure_shows_itself_and_is_saved_by_its_ending(switched, tmp_path):
     sheet = switched.plot()
     assert sheet._repr_png_().startswith(b"\x89PNG")
@@ -290,6 +291,7 @@ def test_one_component_moves_along_its_axis_and_arcs_can_be_given(switched):
     assert data["links"][names.index("Gb")] == []
 
 
+@pytest.mark.slow
 def test_a_gif_has_the_frames_and_other_endings_are_refused(swarm, tmp_path):
     image = pytest.importorskip("PIL.Image")
     place = swarm.animate(tmp_path / "run.gif")

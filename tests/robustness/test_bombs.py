@@ -227,6 +227,7 @@ def test_help_shows_brackets_and_colons_as_they_are_typed():
         assert typed in done.stdout.decode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["certify", "simulate"])
 def test_a_home_that_cannot_be_written_is_no_matter_for_standard_error(tmp_path, command: str):
     """Matplotlib would say where it keeps its fonts instead."""

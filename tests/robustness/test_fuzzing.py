@@ -28,6 +28,7 @@ def test_the_seeds_themselves_are_read(target: Target):
     assert sum(target.run(data) for data in target.seeds()) >= len(target.seeds()) // 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
 def test_a_defect_would_be_seen(target: Target):
     """The same harness with a reader that crashes, one that hangs and one that is right."""

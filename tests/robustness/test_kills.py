@@ -19,6 +19,7 @@ from dobc_design.errors import CertificateError
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
 
 
+@pytest.mark.slow
 def test_kills_of_a_process_that_only_writes_leave_whole_files(tmp_path):
     outcome = kill_writers(20, 1, tmp_path)
     assert not outcome.wrong
@@ -93,6 +94,7 @@ def test_ctrl_c_of_a_group_reaches_everybody_and_nobody_hangs(tmp_path):
     assert process.returncode in (130, 1)  # 1: refuted, it was faster
 
 
+@pytest.mark.slow
 def test_an_ignored_interrupt_stays_ignored(tmp_path):
     """A shell starts background jobs with Ctrl-C ignored, nohup does so with SIGHUP."""
     command = [sys.executable, "-m", "dobc_design", "certify", "paper-fixed", "--no-report", "--out", str(tmp_path)]

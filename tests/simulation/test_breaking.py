@@ -96,6 +96,7 @@ def test_wrong_arguments_are_refused(arguments, message: str):
         what_breaks_first(ring(), **arguments)
 
 
+@pytest.mark.slow
 def test_a_certified_period_stands_beside_and_below_the_observed_one():
     """Linear ring, all k = 3: 1/(1 + 3) s at most, less what is kept in hand; the loop works up to 0.4 s."""
     problem = ring(region={"initial_states": [0, 2]})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -109,7 +110,7 @@ def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
     setting = make_setting(problem, gain=None, stress=Stress(exchange=0.1), signal=dd.signals.Periodic(dwell=0.15))
     switches, starts = switches_for(setting, 0), [setting.starts.draw(0)]
-    given = {"groups": groups_for(setting, switches), "starts": starts, "seeds": [0], "switches": [switches]}
+    given = {"groups": partial(groups_for, setting, switches), "starts": starts, "seeds": [0], "switches": [switches]}
     runs = StressedRuns(setting=setting, **given)
     heard = Heard(runs, np.array([0.0, 0.1]), keep=True)
     heard.exchange(0, np.array([[[10.0]], [[20.0]], [[30.0]]]))

@@ -12,11 +12,12 @@ from scipy import sparse
 from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems, with_gain
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import from_float
+from dobc_design.exact.matrix import from_float, matrix
+from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import build_dense, smat, solve_dense, solve_directly, svec, symmetric_basis
+from dobc_design.solvers.conic import build_dense, smat, solve_dense, solve_directly, svec, svec_exact, symmetric_basis
 from dobc_design.solvers.program import Program, Solution, assemble, round_matrix, without_values
 from dobc_design.verdict import Verdict
 
@@ -217,5 +218,7 @@ def test_svec_keeps_inner_products_and_smat_takes_it_back(size):
     assert svec(A) @ svec(B) == pytest.approx(np.sum(A * B))
     assert np.allclose(smat(svec(A)), A)
     assert np.array_equal(svec(sparse.csr_array(A)), svec(A))
+    exact = SparseSymmetric.from_dense(matrix(A.tolist()))
+    assert np.array_equal(svec_exact(exact), svec(A))
     units = np.stack([svec(unit) for unit in symmetric_basis(size)])
     assert np.array_equal(units != 0, np.eye(len(units), dtype=bool))

@@ -121,7 +121,6 @@ class Boxes:
         return len(self.centres)
 
     def chosen(self, mask: NDArray[np.bool_]) -> Boxes:
-        """Some of them."""
         return Boxes(centres=self.centres[mask], halves=self.halves[mask])
 
     def split(self, along: Indices) -> Boxes:

@@ -64,10 +64,8 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
         wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"
         remark = f" The ball reaches |e| <= {radius:.6g}, {wish}: beyond, this V rises somewhere, or more than"
         remark += f" {MOST_BOXES} boxes would be needed."
-    check = exhaustive_check(
-        problem, asked.W, best, radius=radius, disturbance=asked.disturbance, domain=asked.domain, remark=remark
-    )
-    return [check]
+    starts = {"radius": radius, "disturbance": asked.disturbance}
+    return [exhaustive_check(problem, asked.W, best, **starts, domain=asked.domain, remark=remark)]
 
 
 def _shell(asked: Asked, shape: Shape, *, beyond: float) -> Shell | None:

@@ -45,21 +45,17 @@ class Equilibrium:
 
     @property
     def is_point(self) -> bool:
-        """Whether the box is a single point."""
         return self.box[0].is_point
 
     @property
     def middle(self) -> Vector:
-        """The middle of the box, (n m,)."""
         return tuple(side.midpoint for side in self.box)
 
     @property
     def half_widths(self) -> Vector:
-        """Half the width of each side, (n m,)."""
         return tuple(side.width / 2 for side in self.box)
 
     def to_json(self) -> dict[str, Any]:
-        """The exact values of a check that refutes."""
         return {"mode": self.mode, "box": [[number_text(side.lo), number_text(side.hi)] for side in self.box]}
 
 

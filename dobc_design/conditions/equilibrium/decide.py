@@ -196,7 +196,5 @@ def _reason(problem: Problem, claim: Equilibrium) -> str:
     advice = "Ask for a smaller region, or raise the gains until it is gone."
     if claim.is_point:
         advice = "Others may lie beside it, down to the target: pin more agents."
-    return (
-        f"Consensus fails: in mode {claim.mode} the agents can rest away from the target, at"
-        f" x = ({', '.join(named)}{more}). This start lies in the region asked for. {advice}"
-    )
+    where = f"in mode {claim.mode} the agents can rest away from the target, at x = ({', '.join(named)}{more})"
+    return f"Consensus fails: {where}. This start lies in the region asked for. {advice}"

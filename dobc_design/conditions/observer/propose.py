@@ -44,7 +44,7 @@ from dobc_design.verdict import Verdict
 
 # Of W: random choices (each fails with probability zero; small integers may need a few), digits, and how much more
 # than the rate is asked of a proposal.
-LARGEST_PROGRAM = 24  # order up to which semidefinite programs are solved: their unknowns grow with its square
+LARGEST_PROGRAM = 16  # order up to which semidefinite programs are solved: their unknowns grow with its square
 TRIES, DIGITS, SLACK = 20, (3, 4, 6, 9, 15), (Fraction(21, 20), Fraction(1001, 1000))
 # Of P: digits, parts of the rate, the work for an exact equation, and powers of ten (the last for an unknown bound).
 PAIR_DIGITS, PAIR_SLACK, MOST_WORK, LADDER = (3, 4, 6, 9, 14), (0.9, 0.5, 0.1), 300_000, (0, 2, 6, 15, 40, 400)

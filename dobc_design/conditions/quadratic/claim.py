@@ -75,7 +75,6 @@ class Lure:
         return "identity" if len(values) == 1 else "diagonal"
 
     def to_json(self) -> dict[str, Any]:
-        """The exact values of a proved check."""
         texts = [[[[number_text(x.lo), number_text(x.hi)] for x in row] for row in r.entries] for r in self.ranges]
         pairs = zip(self.ranges, texts, strict=True)
         values: dict[str, Any] = {
@@ -103,10 +102,8 @@ def lure_matrix(
     Raises: ShapeError unless there is one multiplier per channel, > 0 where its range is not a point."""
     channels = sectors.modes[mode]
     if len(multipliers) != len(channels):
-        raise ShapeError(
-            f"mode {mode}: multipliers must have {len(channels)} entries, one per channel; got {len(multipliers)}.",
-            key="multipliers",
-        )
+        many = f"{len(channels)} entries, one per channel; got {len(multipliers)}"
+        raise ShapeError(f"mode {mode}: multipliers must have {many}.", key="multipliers")
     added: Entries = {}
     inner = _observer_block(sectors.problem, S)
     for channel, tau in zip(channels, multipliers, strict=True):
@@ -129,7 +126,7 @@ def interval_matrix(
     """An upper bound of the derivative for all gains: middle gains, and row sums of |deviation| on the diagonal."""
     channels = sectors.modes[mode]
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
-    rows, sums = rows_of(P_e), [ZERO] * sectors.size
+    rows, sums = P_e.rows(), [ZERO] * sectors.size
     for channel in channels:
         for (i, j), value in _rank_two(rows[channel.target], channel).items():
             for row in {i, j}:
@@ -146,11 +143,9 @@ def vertex_matrices(
     channels = sectors.modes[mode]
     free = [channel for channel in channels if channel.spread]
     if len(free) > MOST_VERTICES:
-        many = f"mode {mode} has {len(free)} channels with a range of gains"
-        raise SpecError(
-            f"{many}; corners are enumerated for at most {MOST_VERTICES}.", key="method", cure='Use the method "lure".'
-        )
-    rows = rows_of(P_e)
+        many = f"mode {mode} has {len(free)} channels with a range of gains; corners are enumerated for at most"
+        raise SpecError(f"{many} {MOST_VERTICES}.", key="method", cure='Use the method "lure".')
+    rows = P_e.rows()
     fixed = _derivative(P_e, linear_part(sectors, mode, [channel.low for channel in channels]), rate)
     fixed = fixed + _sandwich(P_e, _observer_block(sectors.problem, S))
     steps = [SparseSymmetric(sectors.size, _rank_two(rows[c.target], c)).scaled(2 * c.spread) for c in free]
@@ -182,18 +177,10 @@ def linear_part(sectors: Sectors, mode: str, gains: Sequence[Fraction]) -> dict[
     return rows
 
 
-def rows_of(M: SparseSymmetric) -> list[dict[int, Fraction]]:
-    """The rows of a sparse symmetric matrix, both triangles."""
-    rows: list[dict[int, Fraction]] = [{} for _ in range(M.size)]
-    for (i, j), value in M.entries.items():
-        rows[i][j] = rows[j][i] = value
-    return rows
-
-
 def _derivative(P_e: SparseSymmetric, linear: dict[int, dict[int, Fraction]], rate: Fraction) -> SparseSymmetric:
     """P_e A + A'P_e + 2 rate P_e."""
     entries: Entries = {place: 2 * rate * value for place, value in P_e.entries.items()} if rate else {}
-    for k, weights in enumerate(rows_of(P_e)):
+    for k, weights in enumerate(P_e.rows()):
         for j, a in linear[k].items():
             for i, p in weights.items():  # P_e[i, k] A[k, j], and its transpose
                 add(entries, i, j, 2 * p * a if i == j else p * a)
@@ -207,7 +194,7 @@ def _sandwich(P_e: SparseSymmetric, inner: Entries) -> SparseSymmetric:
         dense = P_e.to_dense()
         product = multiply(multiply(dense, SparseSymmetric(size, inner).to_dense()), dense)
         return SparseSymmetric(size, {(i, j): product[i][j] for i in range(size) for j in range(i, size)})
-    rows = rows_of(P_e)
+    rows = P_e.rows()
     for (k, l), value in inner.items():  # noqa: E741  k, l as in matrix entries
         for left, right in {(k, l), (l, k)}:
             for i, p in rows[left].items():

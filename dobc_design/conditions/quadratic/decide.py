@@ -24,7 +24,7 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import claimed, has_short_denominator, read_rational, rounded_up, shorten
 from dobc_design.conditions.quadratic import sectors as channels
 from dobc_design.conditions.quadratic.claim import METHODS, Lure, interval_matrix, lure_matrix, vertex_matrices
-from dobc_design.conditions.quadratic.sectors import Enclose, GainRange, Sectors, build_sectors, gains_on
+from dobc_design.conditions.quadratic.sectors import GainRange, Sectors, build_sectors, gains_on
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -57,15 +57,14 @@ class LureDecision:
     reason: str
 
 
-def verify_lure(problem: Problem, lure: Lure, *, enclose: Enclose = gains_on) -> LureDecision:
+def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
     """Decide whether the certificate proves what it claims, for every switching among the modes; the ranges have to
-    contain what ``enclose`` gives.  Raises: ShapeError or SpecError for one that does not fit the problem."""
+    contain what ``gains_on`` gives.  Raises: ShapeError or SpecError for one that does not fit the problem."""
     if lure.P_e.size != problem.n * problem.m:
-        raise ShapeError(
-            f"P_e must have {problem.n * problem.m} rows, one per component of e; got {lure.P_e.size}.", key="P_e"
-        )
+        what = f"P_e must have {problem.n * problem.m} rows, one per component of e; got {lure.P_e.size}."
+        raise ShapeError(what, key="P_e")
     sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
-    reason = _gains_left_open(problem, lure, enclose)
+    reason = _gains_left_open(problem, lure)
     if reason is not None:
         return LureDecision(verdict=Verdict.UNDECIDED, step="gains", reason=reason)
     refuted = partial(LureDecision, verdict=Verdict.REFUTED)
@@ -166,14 +165,14 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
     return max(rows)
 
 
-def _gains_left_open(problem: Problem, lure: Lure, enclose: Enclose) -> str | None:
+def _gains_left_open(problem: Problem, lure: Lure) -> str | None:
     """Why the gains are not shown to lie in the ranges claimed; None if they are."""
     for each in lure.ranges:
         coupling = problem.couplings[each.coupling]
         if each.radius is None and not coupling.is_linear:
             return f'h = "{coupling.texts[0]}" is not linear, so its gains need a radius.'
         try:
-            found = enclose(coupling, Fraction(1) if each.radius is None else each.radius)
+            found = gains_on(coupling, Fraction(1) if each.radius is None else each.radius)
         except UndefinedError as error:
             return f"the gains cannot be enclosed: {error}"
         pairs = zip(each.entries, found, strict=True)

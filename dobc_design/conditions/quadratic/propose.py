@@ -259,7 +259,6 @@ class _Point:
 
     @property
     def scalars(self) -> list[float]:
-        """The scalars of the programs, in their order."""
         return [*self.t.tolist(), *([] if self.kappa is None else [self.kappa])]
 
 
@@ -341,9 +340,8 @@ class _Search:
         inner = _Point(radius=start.radius, Y=size * start.Y, t=size * start.t, kappa=kappa)
         # How far the eigenvalues of Y may lie apart: enough for the point that it starts from.
         values = np.linalg.eigvalsh(start.Y)
-        cover = partial(
-            programs.covering, loop, self.basis, condition=max(CONDITION, 4 * float(values[-1] / values[0]))
-        )
+        condition = max(CONDITION, 4 * float(values[-1] / values[0]))
+        cover = partial(programs.covering, loop, self.basis, condition=condition)
         disturbed = kappa is not None and self.disturbance > 0
         if disturbed:
             found = self._room_for(loop, cover(disturbance=0.0), inner)

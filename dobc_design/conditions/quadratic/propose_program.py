@@ -191,9 +191,8 @@ def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: A
         modes.append(FloatMode(name=mode.name, A=A, where=mode.where[:, mode.curved], d=d))
     pairs = [np.sort(mode.where[1:].T, axis=1) for mode in modes]
     ends = np.unique(np.concatenate(pairs), axis=0) if radius is not None else np.zeros((0, 2), dtype=np.intp)
-    return FloatLoop(
-        size=templates.size, modes=tuple(modes), S=S, rate=rate, ends=ends, reach=np.full(len(ends), radius or 0.0)
-    )
+    reach = np.full(len(ends), radius or 0.0)
+    return FloatLoop(size=templates.size, modes=tuple(modes), S=S, rate=rate, ends=ends, reach=reach)
 
 
 def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:

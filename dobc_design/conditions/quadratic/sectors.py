@@ -19,7 +19,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, secant_range, slope_bound
 from dobc_design.coupling.expression import polynomial_degree, variables_used
 from dobc_design.coupling.tree import GradientAlgebra, evaluate
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
@@ -58,7 +58,6 @@ class Channel:
 
     @property
     def centre(self) -> Fraction:
-        """The middle gain."""
         return (self.low + self.high) / 2
 
     @property
@@ -76,7 +75,6 @@ class Sectors:
 
     @property
     def size(self) -> int:
-        """Rows of e, n m."""
         return self.problem.n * self.problem.m
 
 
@@ -102,11 +100,8 @@ def enclose_ranges(problem: Problem, *, radius: Fraction | None, enclose: Enclos
     for place in used_couplings(problem):
         coupling = problem.couplings[place]
         if radius is None and not coupling.is_linear:
-            raise SpecError(
-                f'radius must be a number, because h = "{coupling.texts[0]}" is not linear; got None.',
-                key="radius",
-                cure="Give the largest |e_j - e_i| to be considered.",
-            )
+            what = f'must be a number, because h = "{coupling.texts[0]}" is not linear; got None.'
+            raise wrong("radius", what, "Give the largest |e_j - e_i| to be considered.")
         entries = enclose(coupling, Fraction(1) if radius is None else radius)
         widened = tuple(tuple(map(_widened, row)) for row in entries)
         found.append(GainRange(coupling=place, radius=radius, entries=widened))
@@ -124,12 +119,9 @@ def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Frac
         for listener, speaker, weight in arcs:
             entries = table.get(problem.coupling_place(listener, speaker))
             if entries is None or [len(row) for row in entries] != [m] * m:
-                raise SpecError(
-                    f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m}) at the"
-                    f" radius {radius}.",
-                    key="ranges",
-                    cure="Make them with enclose_ranges, with the same radius.",
-                )
+                what = f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m})"
+                cure = "Make them with enclose_ranges, with the same radius."
+                raise SpecError(f"{what} at the radius {radius}.", key="ranges", cure=cure)
             own, other = listener * m, speaker * m
             channels += [
                 Channel(target=own + c, plus=other + d, minus=own + d, low=weight * gain.lo, high=weight * gain.hi)

@@ -78,11 +78,9 @@ class Stage(Shown):
 
     @property
     def is_quadratic(self) -> bool:
-        """Whether the certificate is a quadratic one."""
         return isinstance(self.certificate, Lure)
 
     def to_json(self) -> dict[str, Any]:
-        """The exact values of a stage."""
         values: dict[str, Any] = {"kind": QUADRATIC if self.is_quadratic else SEPARABLE}
         values |= {name: number_text(getattr(self, name)) for name in NUMBERS}
         if self.diagonal is not None:
@@ -125,7 +123,6 @@ class Staging:
             raise SpecError("time must not lie before the last stage.", key="time")
 
     def to_json(self) -> dict[str, Any]:
-        """The exact values of a proved check."""
         return {
             "tolerance": number_text(self.tolerance),
             "time": number_text(self.time),

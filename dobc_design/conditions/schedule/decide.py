@@ -84,9 +84,8 @@ def _needs(problem: Problem, W: Matrix | None, staging: Staging, k: int) -> Iter
     elif isinstance(certificate, Lure):  # it is about the W of its own pair; a max-separable one is decided with W
         P, Q = certificate.P, certificate.Q
         given = P is not None and Q is not None and W is not None
-        yield _fact(
-            "observer", given, "with an [exosystem] the certificate needs the observer's pair P, Q and a gain W."
-        )
+        words = "with an [exosystem] the certificate needs the observer's pair P, Q and a gain W."
+        yield _fact("observer", given, words)
         same = P is not None and W is not None and multiply(P, W) == Q
         yield _fact("observer", same, "its pair (P, Q) belongs to another W: Q must equal P W.")
     yield from _own(stage)

@@ -24,6 +24,7 @@ from typing import Final
 
 import numpy as np
 
+from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic.claim import Lure, linear_part
 from dobc_design.conditions.quadratic.propose import raise_rate, roomy_gains, scaled_pair
@@ -255,8 +256,7 @@ def _observer_rate(problem: Problem, W: Matrix | None) -> float:
     exosystem = problem.joint_exosystem
     if exosystem is None or W is None:
         return 0.0
-    F = to_float(exosystem.A) - to_float(W) @ to_float(exosystem.C)
-    return max(0.0, -OBSERVER * float(np.max(np.linalg.eigvals(F).real)))
+    return max(0.0, OBSERVER * decay_rate(exosystem, W))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,7 +27,7 @@ from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import SeparablePlan, design_separable, first_certificate, flatter_plans
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, log, sqrt
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import parse_number
@@ -65,12 +65,9 @@ def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbanc
     region = problem.region
     missing = ["radius"] * (radius is None) + ["disturbance"] * (disturbance is None and bool(problem.groups))
     if missing and region is None:
-        raise SpecError(
-            f"{missing[0]} must be given, because the problem has no [region] that says where it starts.",
-            key=missing[0],
-            cure="Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance, the largest"
-            " |xi_i(0) - xihat_i(0)|; or add a [region].",
-        )
+        cure = "Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance, the largest"
+        cure += " |xi_i(0) - xihat_i(0)|; or add a [region]."
+        raise wrong(missing[0], "must be given, because the problem has no [region] that says where it starts.", cure)
     reach = max(asked_radius(problem)) if radius is None else parse_number(radius, key="radius")
     error = ZERO if region is None else region.initial_disturbance or ZERO
     error = error if disturbance is None else parse_number(disturbance, key="disturbance")
@@ -86,11 +83,8 @@ def read_tolerance(value: Any, *, key: str = "settling") -> Fraction:
     """A tolerance > 0 in the unit of x.  Raises: SpecError with ``key`` for anything else."""
     limit = parse_number(value, key=key)
     if limit <= 0:
-        raise SpecError(
-            f"{key} must be > 0, because |e(t)| only comes close to 0; got {float(limit):.6g}.",
-            key=key,
-            cure="Name how far every state may still be from its goal, for example 1/100.",
-        )
+        what = f"must be > 0, because |e(t)| only comes close to 0; got {float(limit):.6g}."
+        raise wrong(key, what, "Name how far every state may still be from its goal, for example 1/100.")
     return limit
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Final, NamedTuple
@@ -80,11 +80,10 @@ def verify_separable(problem: Problem, claim: Separable, *, stretch: Fraction | 
     if isinstance(question, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
     large = _large(question)
-    for mode in problem.network.modes:
-        left = None if large is None else open_rows(*large[mode], alpha=claim.alpha, rho=claim.rho or _ONE)
-        answer = _first_failure(question, claim, mode, left)
-        if answer is not None:
-            return answer
+    left = None if large is None else open_rows(*large, alpha=claim.alpha, rho=claim.rho or _ONE)
+    answer = _first_failure(question, claim, left)
+    if answer is not None:
+        return answer
     where = "everywhere" if claim.rho is None else f"while it is at most {float(claim.rho):.6g}"
     return SeparableAnswer(
         verdict=Verdict.PROVED,
@@ -102,31 +101,28 @@ def largest_rate(problem: Problem, v: Vector | Doubles, *, rho: Fraction | None)
     large = _large(question)
     if large is not None:
         radius = rho or _ONE
-        estimate = min(estimated_rate(*each, rho=radius) for each in large.values())
+        estimate = estimated_rate(*large, rho=radius)
 
         def holds(alpha: Fraction) -> bool:
-            claim = Separable(v=v, alpha=alpha, rho=rho)
-            for mode, each in large.items():
-                left = open_rows(*each, alpha=alpha, rho=radius)
-                if len(left) > MOST_LEFT or _first_failure(question, claim, mode, left) is not None:
-                    return False
-            return True
+            left = open_rows(*large, alpha=alpha, rho=radius)
+            if len(left) > MOST_LEFT * len(problem.network.modes):
+                return False
+            return _first_failure(question, Separable(v=v, alpha=alpha, rho=rho), left) is None
 
         if not (estimate > 0 and math.isfinite(estimate)):
             return None
         candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
         return next((alpha for alpha in candidates if holds(alpha)), None)
     rate = max(claims.holding_gains(problem))  # the agent with the least v has no more than its gain
-    for mode in problem.network.modes:
-        for row, _ in claims.rows(problem, v, modes=[mode]):
-            for face in FACES:
-                if rho is None:
-                    found = row.gain - linear_bound(row, face, question.profiles) / row.own
-                else:
-                    found = _row_rate(row, face, question.profiles, rho=rho, enough=rate)
-                rate = min(rate, found)
-                if rate <= 0:
-                    return None
+    for row, _ in claims.rows(problem, v):
+        for face in FACES:
+            if rho is None:
+                found = row.gain - linear_bound(row, face, question.profiles) / row.own
+            else:
+                found = _row_rate(row, face, question.profiles, rho=rho, enough=rate)
+            rate = min(rate, found)
+            if rate <= 0:
+                return None
     return rounded_down(rate) or None
 
 
@@ -155,30 +151,34 @@ def _ask(problem: Problem, v: Vector | Doubles, rho: Fraction | None, stretch: F
     return _Question(problem=problem, v=v, rho=rho, stretch=stretch, profiles=profiles)
 
 
-def _large(question: _Question) -> dict[str, tuple[ArcRows, Kinds]] | None:
-    """Arrays and tables of every mode where there are many arcs; None for few, and for couplings that turn often."""
+def _large(question: _Question) -> tuple[ArcRows, Kinds] | None:
+    """Arrays and tables where there are many arcs; None for few, and for couplings that turn often."""
     modes, rising = question.problem.network.modes, all(kind.is_nondecreasing for kind in question.profiles)
     arcs = sum(map(len, modes.values()))
     if arcs < (MANY_ARCS if rising else MANY_FALLING) or (question.rho is None and not rising):
         return None
-    arrays = {mode: arc_rows(question.problem, question.v, mode, stretch=question.stretch) for mode in modes}
+    arrays = arc_rows(question.problem, question.v, stretch=question.stretch)
     try:  # for linear couplings every radius says the same
-        kinds = float_kinds(question.profiles, list(arrays.values()), rho=question.rho or _ONE)
+        kinds = float_kinds(question.profiles, arrays, rho=question.rho or _ONE)
     except UndefinedError:  # rows one by one may do
         return None
-    return None if kinds is None else {mode: (each, kinds) for mode, each in arrays.items()}
+    return None if kinds is None else (arrays, kinds)
 
 
-def _first_failure(
-    question: _Question, claim: Separable, mode: str, left: list[tuple[int, int]] | None
-) -> SeparableAnswer | None:
-    """Decide the rows of one mode exactly: all, or the (agent, face) that floats left; None if they are proved."""
-    batches: list[tuple[tuple[int, ...], list[int] | None]] = [(tuple(FACES), None)]
+def _first_failure(question: _Question, claim: Separable, left: list[tuple[int, int]] | None) -> SeparableAnswer | None:
+    """Decide rows exactly: all, or the (row, face) that floats left; None if they are proved."""
+    n, modes = question.problem.n, tuple(question.problem.network.modes)
+    batches: Iterable[tuple[str, tuple[int, ...], list[int] | None]] = ((mode, tuple(FACES), None) for mode in modes)
     if left is not None:
-        agents = {face: [agent for agent, side in left if side == face] for face in FACES}
-        starts = [(face, k) for face, chosen in agents.items() for k in range(0, len(chosen), MOST_LEFT)]
-        batches = [((face,), agents[face][k : k + MOST_LEFT]) for face, k in starts]
-    for faces, chosen in batches:
+        agents: dict[tuple[int, int], list[int]] = {}
+        for row, face in left:
+            agents.setdefault((row // n, -face), []).append(row % n)
+        batches = (
+            (modes[k], (-side,), chosen[start : start + MOST_LEFT])
+            for (k, side), chosen in sorted(agents.items())
+            for start in range(0, len(chosen), MOST_LEFT)
+        )
+    for mode, faces, chosen in batches:
         found = claims.rows(question.problem, question.v, modes=[mode], stretch=question.stretch, agents=chosen)
         answers = (_decide(question, claim, row, place, face) for row, place in found for face in faces)
         if (first := next((answer for answer in answers if answer is not None), None)) is not None:

@@ -250,7 +250,7 @@ _SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArcRows:
-    """The arcs of one mode by listener: those of agent i are start[i]:start[i + 1].  ``steps`` are at least v_j - v_i,
+    """The arcs by row, mode after mode: those of row i are start[i]:start[i + 1].  ``steps`` are at least v_j - v_i,
     ``reaches`` at least v_i + v_j; ``weights`` and ``own`` (v) are lower and upper bounds, None for weights that are
     all 1."""
 
@@ -271,41 +271,49 @@ class Kinds:
     turning: Mapping[tuple[int, int], Turning]
 
 
-def arc_rows(problem: Problem, v: Sequence[Fraction], mode: str, *, stretch: Fraction | int = 1) -> ArcRows:
-    """Bring one mode into arrays, rounded so that rows only become harder to satisfy."""
-    arcs = problem.network.modes[mode]
-    in_order = bool(np.all(np.diff(arcs.listeners) >= 0))
-    order = slice(None) if in_order else np.argsort(arcs.listeners, kind="stable")
-    listeners, speakers = arcs.listeners[order], arcs.speakers[order]
+def arc_rows(problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1) -> ArcRows:
+    """Bring all modes into arrays, rounded so that rows only become harder to satisfy; agent i of the k-th mode stands
+    in row k n + i."""
+    modes = tuple(problem.network.modes.values())
+    listeners = _stacked([arcs.listeners + k * problem.n if k else arcs.listeners for k, arcs in enumerate(modes)])
+    in_order = bool(np.all(np.diff(listeners) >= 0))
+    order = slice(None) if in_order else np.argsort(listeners, kind="stable")
+    listeners, speakers = listeners[order], _stacked([arcs.speakers for arcs in modes])[order]
     low, high = _floats(v)
     heard = high if stretch == 1 else _floats([stretch * x for x in v])[1]
+    low, high = _stacked([low] * len(modes)), _stacked([high] * len(modes))
     own, other = low[listeners], heard[speakers]
     steps = other - own
     # The difference of two floats within a factor of two of each other has no rounding.
     near = (other <= 2 * own) & (own <= 2 * other)
-    weights = None if all(w is ONE for w in arcs.weights) else _floats(arcs.weights)
+    weights = None
+    if not all(w is ONE for arcs in modes for w in arcs.weights):
+        below, above = zip(*(_floats(arcs.weights) for arcs in modes), strict=True)
+        weights = (_stacked(below)[order], _stacked(above)[order])
     return ArcRows(
-        start=np.searchsorted(listeners, np.arange(problem.n + 1)),
+        start=np.searchsorted(listeners, np.arange(len(low) + 1)),
         steps=np.where(near, steps, up(steps)),
         reaches=up(other + high[listeners]),
-        weights=None if weights is None else (weights[0][order], weights[1][order]),
-        kinds=coupling_places(problem, arcs)[order],
+        weights=weights,
+        kinds=_stacked([coupling_places(problem, arcs) for arcs in modes])[order],
         own=(low, high),
-        gains=holding_gains(problem),
+        gains=holding_gains(problem) * len(modes),
     )
 
 
-def float_kinds(
-    profiles: Sequence[Profile], modes: Sequence[ArcRows], *, rho: Fraction, cells: int = CELLS
-) -> Kinds | None:
+def _stacked(arrays: Sequence[Any]) -> Any:
+    """One below the other; no copy of a single one."""
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+def float_kinds(profiles: Sequence[Profile], arcs: ArcRows, *, rho: Fraction, cells: int = CELLS) -> Kinds | None:
     """Bring the couplings into floats, as far out as these rows look; None if one of them turns too often.  ``cells``:
     of a table; half as many where it reaches to the left ends, which seldom decide. Raises:
     exact.interval.UndefinedError where a gain cannot be enclosed."""
     tables, turns = [], {}
     steps, reaches = np.zeros(len(profiles)), np.zeros(len(profiles))
-    for each in modes:
-        np.maximum.at(steps, each.kinds, np.abs(each.steps))
-        np.maximum.at(reaches, each.kinds, np.abs(each.reaches))
+    np.maximum.at(steps, arcs.kinds, np.abs(arcs.steps))
+    np.maximum.at(reaches, arcs.kinds, np.abs(arcs.reaches))
     for number, kind in enumerate(profiles):
         tables.append(_shared_table(kind, rho * Fraction(float(steps[number])), cells))
         if kind.is_nondecreasing:
@@ -329,7 +337,7 @@ def _shared_table(kind: Profile, radius: Fraction, cells: int) -> GainTable:
 
 
 def open_rows(arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction) -> list[tuple[int, int]]:
-    """The (agent, face) whose row is not proved for all s in (0, rho]; the tables reach that far."""
+    """The (row, face) that is not proved for all s in (0, rho]; the tables reach that far."""
     rates = _floats(arcs.gains, less=alpha)[0]
     limits = np.where(rates >= 0, rates * arcs.own[0], rates * arcs.own[1])
     limits = np.where(rates == 0, 0.0, down(limits))

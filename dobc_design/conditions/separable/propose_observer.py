@@ -22,6 +22,7 @@ from dobc_design.solvers.program import Array, round_matrix
 
 GRID = 24
 REFINEMENTS = 3
+LARGEST_PROGRAM = 12  # order up to which semidefinite programs (q^2/2 unknowns) are solved
 # What is given away so that rounding cannot cross a constraint that is active; more where P is badly conditioned.
 SLACKS = tuple(1e-5 * more for more in (1, 10, 100, 1000))
 INSIDE = 1e-12  # relative to the entries: eigenvalues that are told from 0
@@ -47,10 +48,11 @@ def propose_error_bound(exosystem: Exosystem, W: Matrix, *, rate: float = 0.0) -
     fastest = float(-np.max(np.linalg.eigvals(error).real))
     if not math.isfinite(fastest) or fastest <= rate:
         return None
+    bound_at = _least_bound if len(error) <= LARGEST_PROGRAM else _lyapunov_bound
     low, high, found = rate, fastest, list[_Bound]()
     for _ in range(REFINEMENTS):
         betas = np.linspace(low, high, GRID + 2)[1:-1].tolist()
-        found = [bound for beta in betas if (bound := _least_bound(error, C, beta)) is not None] + found
+        found = [bound for beta in betas if (bound := bound_at(error, C, beta)) is not None] + found
         if not found:
             return None
         found = [min(found, key=lambda bound: math.sqrt(bound.size) / (bound.beta - rate))]

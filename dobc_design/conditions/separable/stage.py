@@ -14,7 +14,7 @@ from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.separable import checks, propose
 from dobc_design.conditions.separable.claim import Separable
-from dobc_design.conditions.separable.decide import coupling_profiles, covers, verify_separable
+from dobc_design.conditions.separable.decide import covers, verify_separable
 from dobc_design.conditions.separable.propose import SeparablePlan
 from dobc_design.conditions.separable.timing import longest_delay
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
@@ -32,8 +32,7 @@ KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
 #: How many times less steep couplings have to be for a v of its own for sampling; the part of the rate that it keeps.
 WORTH, SLOWER, SAMPLES = 2, 0.1, 50
 #: Arcs of all modes together up to which delays and sampling are examined: exact rows for each of them take long.
-#: Where a coupling falls within the box, every trial bounds it piece by piece, and far fewer arcs take as long.
-TIMED_ARCS, TIMED_FALLING = 3000, 500
+TIMED_ARCS = 3000
 
 
 def separable_stage(asked: Asked, report: Progress) -> list[Check]:
@@ -133,11 +132,9 @@ def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | N
 def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> list[Check]:
     """Delays and sampling beside a proved max-separable check."""
     problem = asked.problem
-    rising = all(kind.is_nondecreasing for kind in coupling_profiles(problem, claim.v, rho=claim.rho))
-    arcs, largest = sum(map(len, problem.network.modes.values())), TIMED_ARCS if rising else TIMED_FALLING
-    if arcs > largest:
-        some = "" if rising else " of couplings that fall within the box"
-        reason = f"left out, because exact rows for {arcs} arcs{some} take long; it is examined up to {largest}."
+    arcs = sum(map(len, problem.network.modes.values()))
+    if arcs > TIMED_ARCS:
+        reason = f"left out: the network has {arcs} arcs; delays and sampling are examined up to {TIMED_ARCS}."
         return [undecided_check(id, asked.domain, reason) for id in ("delay", "sampling")]
     report("deciding delays and sampling")
     fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)

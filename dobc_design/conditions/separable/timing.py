@@ -13,6 +13,7 @@ the largest e_i+ is that of the face e_i = s v_i, so the rows give N+ <= (1 - T 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from fractions import Fraction
@@ -56,13 +57,12 @@ def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> Separ
 def longest_delay(problem: Problem, claim: Separable, *, rate: Fraction) -> DelayBound | None:
     """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); within a factor of two or so.
     None if there is none, as for rates above those of the claim."""
-    delay = rounded_down(1 / rate, digits=1)
-    for _ in range(_SHORTER):
-        bound = DelayBound(delay=delay, rate=rate)
-        if verify_delay(problem, claim, bound).verdict is Verdict.PROVED:
-            return bound
-        delay = rounded_down(delay / 2, digits=1)
-    return None
+    delays = [rounded_down(1 / rate, digits=1)]
+    while len(delays) < _SHORTER:
+        delays.append(rounded_down(delays[-1] / 2, digits=1))
+    bounds = [DelayBound(delay=delay, rate=rate) for delay in delays]
+    first = bisect_left(bounds, True, key=lambda bound: verify_delay(problem, claim, bound).verdict is Verdict.PROVED)
+    return bounds[first] if first < len(bounds) else None
 
 
 def largest_period(problem: Problem, claim: Separable) -> SamplingBound | None:

@@ -110,7 +110,6 @@ class Ground:
     def nothing(
         self, verdict: Verdict, reason: str, *statements: Statement, observer: ObserverDesign | None = None
     ) -> Design:
-        """The answer without gains."""
         found: dict[str, Any] = {"gains": {}, "changes": {}, "statements": statements, "observer": observer}
         labels = self.problem.network.labels
         return Design(verdict=verdict, reason=reason, request=self.request, labels=labels, **found)

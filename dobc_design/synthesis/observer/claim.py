@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._show.cards import Card, Shown, cut
+from dobc_design._show.cards import Card, Shown, Told, cut
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
@@ -26,17 +26,8 @@ NORMS = {"hinf": "H-infinity", "h2": "H2"}
 Ends = tuple[Fraction | None, Fraction | None]  # on the real axis; None is infinite
 
 
-class _Asked(Shown):
-    """What shows itself by its sentence."""
-
-    __slots__ = ()
-
-    def _card(self) -> Card:
-        return Card(title=type(self).__name__, text=str(self))
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HalfPlane(_Asked):
+class HalfPlane(Told):
     """Re s <= left_of, or Re s >= right_of (1/s); exactly one of them is given.
 
     HalfPlane(left_of=-2) asks for decay at the rate 2 or more, HalfPlane(right_of=-50) for none above 50.
@@ -69,7 +60,7 @@ class HalfPlane(_Asked):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Disk(_Asked):
+class Disk(Told):
     """|s - centre| <= radius, with a real centre; both in 1/s."""
 
     centre: Fraction
@@ -90,7 +81,7 @@ class Disk(_Asked):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Cone(_Asked):
+class Cone(Told):
     """Damping ratio at least ``damping``: Re s <= 0 and -Re s >= damping |s|; 0 < damping < 1."""
 
     damping: Fraction
@@ -115,7 +106,7 @@ SpectralRegion = HalfPlane | Disk | Cone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class NoiseLimit(_Asked):
+class NoiseLimit(Told):
     """An upper bound on the norm of one transfer function of the observer, with F = A - W C.
 
     ``channel``: "measurement", noise on the measured x to the estimate dhat, C s (sI - F)^-1 W, in 1/s;

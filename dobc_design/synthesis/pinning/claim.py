@@ -15,7 +15,7 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.statement import Statement
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, kept, raise_all
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import float_above, float_below, number_text
 from dobc_design.exact.reading import is_list, named, shown
@@ -76,12 +76,9 @@ def read_all(*readers: Callable[[], Any]) -> list[Any]:
     """What every reader returns.  Raises: SpecError with what each of them raises."""
     found, errors = [], list[SpecError]()
     for reader in readers:
-        try:
+        with kept(errors):
             found.append(reader())
-        except SpecError as error:
-            errors.append(error)
-    if errors:
-        raise SpecError.several(errors)
+    raise_all(errors)
     return found
 
 
@@ -116,11 +113,6 @@ def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> di
     if not isinstance(value, Mapping):
         return dict.fromkeys(range(len(index)), read(value, key))
     return {_agent(label, index, key=key): read(x, f"{key}.{named(str(label))}") for label, x in value.items()}
-
-
-def cost_of(request: PinningRequest, gains: Gains) -> Fraction:
-    """sum c_i k_i."""
-    return sum((request.costs[i] * k for i, k in gains.items()), Fraction(0))
 
 
 def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Gains) -> dict[int, Fraction]:

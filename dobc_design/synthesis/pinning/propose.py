@@ -20,7 +20,6 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.conditions.consensus import pinning
-from dobc_design.conditions.consensus import pinning as programs
 from dobc_design.conditions.consensus.claim import ModeJacobian
 from dobc_design.conditions.consensus.propose import rows_of
 from dobc_design.problem.problem import Problem
@@ -55,7 +54,7 @@ class PinningProposer:
         """Gains (n) of least cost, about, and their multipliers; without (None) directions that no gains hold."""
         blocks, chosen = self._at(rate), self._mask(allowed)
         if blocks.z:
-            single = [programs.optimum(table, chosen, self.costs, self.caps) for table in blocks.tables]
+            single = [pinning.optimum(table, chosen, self.costs, self.caps) for table in blocks.tables]
             known = [each for each in single if each is not None]
             if len(known) < len(single):
                 return None, self._loose(blocks, chosen)
@@ -76,7 +75,7 @@ class PinningProposer:
     def slow(self, rate: float) -> Vectors:
         """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large blocks."""
         blocks = self._at(rate)
-        if blocks.agents * blocks.width > programs.PROGRAM_ROWS * 3:
+        if blocks.agents * blocks.width > pinning.PROGRAM_ROWS * 3:
             return []
         pairs = [np.linalg.eigh(table.toarray()) for table in blocks.tables]
         return self._named(blocks, [list(vectors.T[values < -1e-7 * blocks.scale]) for values, vectors in pairs])
@@ -96,7 +95,7 @@ class PinningProposer:
             if not free - set(chosen) or (pins is not None and len(chosen) >= pins):
                 return None
             heavy = self._heaviest(blocks, chosen, free - set(chosen))
-            chosen.append(max(heavy, key=lambda agent: (programs.fastest_rate(blocks, [*chosen, agent]), -agent)))
+            chosen.append(max(heavy, key=lambda agent: (pinning.fastest_rate(blocks, [*chosen, agent]), -agent)))
         while pins is not None and len(chosen) < pins and (left := sorted(free - set(chosen))):
             tried = left[:: -(-len(left) // max(1, self._affordable() // pins))]
             costs = {agent: self._cost([*chosen, agent], rate) for agent in tried}
@@ -150,7 +149,7 @@ class PinningProposer:
     def _heaviest(self, blocks: pinning.Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
         rows = rows_of(others, blocks.width)
-        vector = min((programs.lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
+        vector = min((pinning.lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
         weight = np.zeros(blocks.agents)
         weight[others] = np.max(np.abs(vector.reshape(len(others), blocks.width)), axis=1)
         order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
@@ -159,7 +158,7 @@ class PinningProposer:
     def _at(self, rate: float) -> pinning.Blocks:
         if rate not in self._kept:
             self._kept.clear()
-            self._kept[rate] = programs.for_rate(self.blocks, rate)
+            self._kept[rate] = pinning.for_rate(self.blocks, rate)
         return self._kept[rate]
 
     def _shared(
@@ -191,7 +190,7 @@ class PinningProposer:
                 columns = [_factors(each, z=blocks.z) for each in program.duals]
                 return program.gains.tolist(), self._named(blocks, columns)
         if found is None and not np.any(np.isfinite(self.caps)):
-            gains = programs.smallest_gains(blocks, agents.tolist(), costs=self.costs.tolist())
+            gains = pinning.smallest_gains(blocks, agents.tolist(), costs=self.costs.tolist())
             return (None if gains is None else gains.tolist()), []
         return (None, []) if found is None else (found[0].tolist(), found[1])
 
@@ -204,7 +203,7 @@ class PinningProposer:
         held = np.where(chosen & np.isfinite(self.caps), self.caps, 0.0)
         added = sparse.diags_array(np.repeat(2 * held * factor, blocks.width))
         rows = self._free_rows(blocks, chosen)
-        return [programs.lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
+        return [pinning.lowest_on(sparse.csr_array(table + added), rows) for table in blocks.tables]
 
     def _loose(self, blocks: pinning.Blocks, chosen: Array) -> Vectors:
         """Of every block the direction that allowed gains hold least, zero on the rows of gains without a cap."""
@@ -228,7 +227,7 @@ class PinningProposer:
 
 def make_proposer(problem: Problem, request: PinningRequest) -> PinningProposer | None:
     """The proposer of one problem and request; None if its entries are beyond the floats."""
-    blocks = programs.network_blocks(problem)
+    blocks = pinning.network_blocks(problem)
     if blocks is None:
         return None
     caps = np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)])
@@ -252,7 +251,7 @@ def greedy_set(
     found = list(chosen)
     while True:
         others = np.setdiff1d(np.arange(blocks.agents), found)
-        lowest = min(programs.lowest_on(table, others)[0] for table in blocks.tables)
+        lowest = min(pinning.lowest_on(table, others)[0] for table in blocks.tables)
         # What has to be added to S for the pins to hold the others.
         shift = 0.0 if lowest > 1e-9 * blocks.scale else (ROOM * blocks.scale * 1e-3 - lowest * (1 + ROOM))
         left = np.array(sorted(set(free) - set(found)), dtype=np.int64)
@@ -291,7 +290,7 @@ class _State:
         pins = np.array(sorted(chosen), dtype=np.int64)
         others = np.setdiff1d(np.arange(len(costs)), pins)
         rows = matrix[others]
-        self.solve = programs.factorised(rows[:, others])
+        self.solve = pinning.factorised(rows[:, others])
         self.diagonal, self.place = matrix.diagonal(), np.full(len(costs), -1)
         self.place[others] = np.arange(len(others))
         self.v = np.sqrt(costs)

@@ -40,7 +40,6 @@ from dobc_design.synthesis.pinning.claim import (
     PinningDesign,
     PinningRequest,
     Structure,
-    cost_of,
     prices_in_words,
     rounded_up,
     typed_gains,
@@ -202,7 +201,8 @@ def _designed(
 def _with_gains(
     request: PinningRequest, structure: Structure, gains: Gains, held: Problem, over: str = ""
 ) -> PinningDesign:
-    named, cost = {held.network.labels[i]: k for i, k in gains.items()}, cost_of(request, gains)
+    named = {held.network.labels[i]: k for i, k in gains.items()}
+    cost = sum((request.costs[i] * k for i, k in gains.items()), Fraction(0))
     return PinningDesign(
         verdict=Verdict.PROVED,
         request=request,
@@ -284,7 +284,6 @@ class Choice:
         return sorted(agents for agents, cost in self._met.items() if agents != self.agents and cost <= most)
 
     def statement(self) -> Statement:
-        """What is proved of all sets of so many agents."""
         if self.impossible:
             several = f"no {self.pins} of the allowed agents reach"
             none = "none of the allowed agents alone reaches" if self.pins == 1 else several

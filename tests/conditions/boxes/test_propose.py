@@ -101,6 +101,7 @@ def test_another_tree_a_larger_set_or_a_smaller_box_is_not_accepted():
     assert verify_shell(problem, replace(shell, lure=worse)).step == "region"
 
 
+@pytest.mark.slow
 def test_with_the_observer_and_a_rate_no_start_leaves():
     """50 starts with V = outer; V <= V(0) exp(-2 beta t) along (22), integrated by SciPy."""
     problem = cycle(3, 3, exosystem=HARMONIC)

@@ -74,6 +74,7 @@ def test_it_is_left_out_where_the_network_is_not_small_or_linear(problem, everyt
     assert stage(problem, everything=everything) == []
 
 
+@pytest.mark.slow
 def test_small_networks_are_counted_out_unasked_where_that_may_cover_the_region():
     """Two agents: all k = 3 ends at 6, sides 4 ask for 5.66; one pin does not reach the 16.97 that sides 12 ask for."""
     (check,) = stage(ring(2, 3, "4"), everything=False)

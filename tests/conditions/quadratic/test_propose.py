@@ -76,6 +76,7 @@ def test_corners_reach_at_least_as_far_as_multipliers_with_the_same_p():
     assert same.radius >= full.radius * Fraction(999, 1000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_more_freedom_in_p_never_costs_radius(seed):
     problem = random_problem(seed, coupling="y + y**3/5")
@@ -124,6 +125,7 @@ def test_an_asked_rate_is_kept_and_can_be_raised_to_its_edge():
     assert not is_proved(problem, replace(lure, rate=edge * Fraction(101, 100)))
 
 
+@pytest.mark.slow
 def test_one_certificate_serves_every_mode():
     """Stand-in modes of theory, section 9: circulants, i listens to i + s, agents 1 and 6 pinned, k = 5."""
     steps = {"Ga": (1,), "Gb": (1, 9), "Gc": (1, 3), "Gd": (1, 2, 5)}
@@ -157,6 +159,7 @@ def test_radii_reach_as_far_as_asked_or_as_h_is_defined_and_nowhere_if_an_agent_
     assert design_lure(problem, holds=partial(is_proved, problem)) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("s", [Fraction(0), Fraction(1, 2)])
 def test_with_the_observer_starts_and_observer_errors_are_covered_together(s):
     problem = cycle(10, ALL, exosystem=HARMONIC)

@@ -106,6 +106,7 @@ def test_linear_couplings_are_certified_everywhere_with_a_rate():
     assert check.rate > 0
 
 
+@pytest.mark.slow
 def test_a_coupling_that_no_arc_has_still_gives_a_ball_which_both_programs_accept():
     """e' = -k e: every level will do, and claims about all of space are for couplings that are linear as written."""
     problem = linked([], 1, coupling="tanh(y)", gains=1, target=-3, region={"initial_states": [-4, 0]})
@@ -116,6 +117,7 @@ def test_a_coupling_that_no_arc_has_still_gives_a_ball_which_both_programs_accep
     assert dd.verify(certificate, problem).holds
 
 
+@pytest.mark.slow
 def test_where_nothing_is_found_where_it_is_left_out_and_where_it_does_not_apply():
     check, _ = stage(ring(3, {1: 1}, coupling="-y + y**3"))
     assert check.verdict is Verdict.UNDECIDED
@@ -161,6 +163,7 @@ def test_couplings_of_vectors_are_covered_by_it_and_both_programs_accept():
     assert repelling.verdict is Verdict.UNDECIDED
 
 
+@pytest.mark.slow
 def test_without_a_region_it_runs_on_request_and_covers_nothing():
     problem = ring(7, 3, side=None)
     assert "lure" not in {check.id for check in dd.certify(problem).checks}

@@ -273,8 +273,8 @@ def test_the_fast_rows_prove_nothing_that_the_exact_ones_do_not(seed: int, dyadi
     rho = F(3, 2)
     kinds = coupling_profiles(problem, v, rho=rho)
     assert all(kind.is_nondecreasing for kind in kinds)
-    arrays = arc_rows(problem, v, "G0")
-    tables = float_kinds(kinds, [arrays], rho=rho, cells=64)
+    arrays = arc_rows(problem, v)
+    tables = float_kinds(kinds, arrays, rho=rho, cells=64)
     agents = [(agent, row) for agent in range(problem.n) for row, _ in rows(problem, v, agents=[agent])]
     for alpha in (F(1, 10), F(1)):
         answers = {(i, f): decide_row(row, f, kinds, alpha=alpha, rho=rho)[0] for i, row in agents for f in FACES}

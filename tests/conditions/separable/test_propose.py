@@ -198,6 +198,7 @@ def field(problem: Problem, mode: str):
     return slope
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_simulations_from_the_boundary_never_leave_and_decay_at_least_as_fast(seed: int):
     """10 starts on the boundary of each of 5 certified regions, modes switching at random; SciPy integrates."""

@@ -12,6 +12,7 @@ import dobc_design as dd
 from dobc_design.errors import SpecError
 
 
+@pytest.mark.slow
 def test_the_gain_curve_of_a_linear_ring_is_proved_and_follows_the_closed_form():
     """One hard pin, h = y: k = b + (1 - b)^-(n - 1) - 1 at the rate b, and a little more for the digits."""
     found = dd.trade_off(ring(4, region=BOX), points=3)

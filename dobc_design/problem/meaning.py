@@ -17,7 +17,7 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.number import nearest, to_fmpq_mat
 from dobc_design.exact.observability import observable_reduction
-from dobc_design.problem.arrays import unreached, unreached_in_union
+from dobc_design.problem.arrays import unreached
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Arcs
@@ -112,7 +112,7 @@ def _about_network(problem: Problem) -> Iterator[str]:
     modes, labels = problem.network.modes, problem.network.labels
     if not problem.pinning.agents:
         yield "No agent is pinned; the group can drift as a whole. Give an agent a gain in [pinning]."
-    elif unreached_in_union(problem):
+    elif unreached(problem, modes.values()):
         turned = [Arcs(arcs.speakers, arcs.listeners, arcs.weights) for arcs in modes.values()]
         if not unreached(problem, turned):
             yield (

@@ -1,4 +1,4 @@
-"""Labels with accents on the command line: typed in another form than in the file (NFC, NFD), they name the same agent."""
+"""Labels with accents on the command line name the same agent in either form of Unicode (NFC, NFD)."""
 
 from __future__ import annotations
 

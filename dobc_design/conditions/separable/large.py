@@ -364,8 +364,8 @@ def stiffest_row(arcs: ArcRows, profiles: Sequence[Profile], gains: Sequence[Fra
     own, mean, largest = arcs.own[1][rows], np.zeros(len(rows)), Fraction(0)
     for face in FACES:
         for number, kind in enumerate(profiles):
-            mine = arcs.kinds == number
-            mean[mine] = _mean_slopes(kind, face, rho, (arcs.steps[mine], arcs.reaches[mine], own[mine]))
+            if np.any(mine := arcs.kinds == number):
+                mean[mine] = _mean_slopes(kind, face, rho, (arcs.steps[mine], arcs.reaches[mine], own[mine]))
         values = mean if arcs.weights is None else up(mean * arcs.weights[1])
         largest = max(largest, Fraction(float(np.max(up(_sums(values, rows, counts) + held)))))
     return largest

@@ -144,6 +144,13 @@ def test_many_arcs_in_arrays_have_the_period_of_their_rows(monkeypatch, seed: in
     assert F("0.97") * by_rows <= largest_period(problem, claim).period <= F("1.002") * by_rows
 
 
+def test_a_coupling_that_no_arc_has_does_not_limit_the_period(monkeypatch):
+    monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", 0)
+    claim, exceptions = Separable(v=fractions(1, 2), alpha=F(1, 100), rho=F(1)), {(1, 0): "tanh(y)"}
+    with_unused = listening([[2, 1]], "exp(9*y) - 1", n=2, gains={1: 5}, target=0, exceptions=exceptions)
+    assert largest_period(with_unused, claim) == largest_period(pair("tanh(y)"), claim)
+
+
 @pytest.mark.parametrize("many", [100, 0])  # arcs from which on slopes are bounded on equal parts of the box
 def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only(monkeypatch, many: int):
     """Slope 41/10 on -1 < y < -1/2 and 1/10 elsewhere; agent 2 starts at y = -1, so T <= 10/41."""

@@ -203,14 +203,15 @@ class Progress:
 
 
 def remark_lines(problem: Problem) -> Iterator[Text]:
-    """What looks like a slip in the problem, said before any verdict."""
+    """What the problem means, and what looks like a slip in it, said before any verdict."""
     from rich.text import Text
 
-    from dobc_design.problem.meaning import remarks
+    from dobc_design.problem.words import meaning_lines
 
-    found = remarks(problem)
-    yield from (Text.assemble(("Look at this: ", "bold"), remark) for remark in found)
-    yield from [Text("")] * bool(found)
+    for line in meaning_lines(problem):
+        head, _, words = line.partition(": ")
+        yield Text.assemble((f"{head}: ", "bold"), words)
+    yield Text("")
 
 
 def verdict_line(name: str, verdict: str, reason: str) -> Text:

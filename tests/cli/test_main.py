@@ -438,7 +438,7 @@ def test_shown_margins_and_rates_are_never_larger_than_what_is_proved(dobc):
         if check["verdict"] == "proved" and check["margin"]:
             title = f"{check['id']} ({check['mode']})" if "mode" in check else check["id"]
             row = next(line for line in out.splitlines() if line.startswith(f"{title} "))
-            margin, rate = (float(cell) for cell in row.split("│")[2:4])
+            rate, margin = (float(cell) for cell in row.split("│")[2:4])
             assert 0 < margin <= check["margin"]
             assert 0 < rate <= check["rate"]
 

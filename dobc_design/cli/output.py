@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dobc_design._show.progress import Bar
 from dobc_design._signals import answer_begins
 from dobc_design.errors import CertificateError, DobcError, SpecError
 
@@ -174,33 +175,27 @@ class Progress:
 
     def __init__(self, manner: Manner = Manner.NORMAL) -> None:
         self.manner = manner
-        self.moving: Any = None  # rich's, where standard error is a terminal
+        self.moving: Bar | None = None  # where standard error is a terminal
         self.said: object = ""
         self.began = time.monotonic()
 
     def __enter__(self) -> Callable[[Any], None]:
         if self.manner is Manner.NORMAL and sys.stderr is not None and sys.stderr.isatty():
-            from rich.console import Console
-
-            self.moving = self.begin(Console(stderr=True))
-            self.moving.start()
+            self.moving = Bar()
+            self.moving.moving.start()
         return self.stage
-
-    def begin(self, console: Console) -> Any:
-        """What moves on a terminal."""
-        return console.status("starting")
 
     def stage(self, name: Any) -> None:
         """Show a stage."""
         if self.moving is not None:
-            self.moving.update(name)
+            self.moving(name)
         elif self.manner is Manner.VERBOSE and name != self.said:
             self.said = name
             complain(f"{time.monotonic() - self.began:8.1f} s  {name}")
 
     def __exit__(self, *error: object) -> None:
         if self.moving is not None:
-            self.moving.stop()
+            self.moving.moving.stop()
 
 
 def remark_lines(problem: Problem) -> Iterator[Text]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dobc_design._show.cards import Card, Shown
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.observer.propose import observer_gain
@@ -23,7 +24,7 @@ from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive
 from dobc_design.simulation.field import Loop
-from dobc_design.simulation.integrate import Progress, fastest_decay, observer_decay
+from dobc_design.simulation.integrate import fastest_decay, observer_decay
 from dobc_design.simulation.runs import run_once
 from dobc_design.simulation.setting import Failure, Given, Stress, make_setting
 from dobc_design.simulation.signals import Signal, signal_of
@@ -142,6 +143,7 @@ class Breaking(Shown):
         return {"tolerance": self.tolerance, "order": list(self.order), "sweeps": sweeps, "period": period}
 
 
+@shows_progress
 def what_breaks_first(
     problem: Problem | str | PathLike[str],
     *,
@@ -152,7 +154,7 @@ def what_breaks_first(
     seed: int | None = None,
     tolerance: float = TOLERANCE,
     certificate: Certificate | None = None,
-    progress: Progress | None = None,
+    progress: Reports[float] = None,
 ) -> Breaking:
     """Make noise, disturbance, saturation, sampling, packet loss and failures worse, each until the loop breaks.
 
@@ -166,7 +168,7 @@ def what_breaks_first(
     Returns: a Breaking, the data of one figure.  Raises: SpecError for an unknown option, or if the loop does not
     converge without any stress.
     """
-    options, report = OPTIONS if options is None else options, progress or (lambda part: None)
+    options, report = OPTIONS if options is None else options, report_to(progress)
     unknown = [option for option in options if option not in OPTIONS]
     if unknown or not options:
         message = f"must be among {', '.join(OPTIONS)}; got {str(unknown[0])[:40] if unknown else 'none'}."

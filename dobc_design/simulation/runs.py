@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._show.cards import Card
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import wrong
@@ -144,16 +145,17 @@ class Ensemble(measures.Simulated):
 
 @overload
 def simulate(
-    problem: Source, *, runs: None = None, progress: Progress | None = None, **given: Unpack[Options]
+    problem: Source, *, runs: None = None, progress: Reports[float] = None, **given: Unpack[Options]
 ) -> Trajectory: ...
 
 
 @overload
 def simulate(
-    problem: Source, *, runs: int | None, progress: Progress | None = None, **given: Unpack[Options]
+    problem: Source, *, runs: int | None, progress: Reports[float] = None, **given: Unpack[Options]
 ) -> Trajectory | Ensemble: ...
 
 
+@shows_progress
 def simulate(
     problem: Source,
     *,
@@ -167,7 +169,7 @@ def simulate(
     observer: str = "closed-form",
     tolerance: float = 1e-9,
     stress: Stress | None = None,
-    progress: Progress | None = None,
+    progress: Reports[float] = None,
 ) -> Trajectory | Ensemble:
     """Simulate the closed loop (1), (12), (13), (19): one run, or ``runs`` of them with the seeds seed, seed + 1, ...
 
@@ -177,7 +179,7 @@ def simulate(
     ``t_final`` (s) and ``seed`` default to the problem's.  ``samples``: how many, or the times from 0 on in s.
     ``observer``: "closed-form" integrates e with eps known, "full-loop" all equations as printed, "off" leaves the
     disturbance uncompensated.  ``tolerance`` of the integrator is relative.  ``stress``: noise, limits, losses and
-    failures.  ``progress`` is called with the part that is done, from 0 to 1.
+    failures.  ``progress``: True for a bar, or a function of the part done, 0 to 1.
     Returns: a Trajectory, or with ``runs`` an Ensemble; ``diverged`` says what had to stop early, and ``reason`` why.
     Raises: SpecError for a wrong argument.
     Example:
@@ -198,8 +200,8 @@ def simulate(
     setting = settings.make_setting(problem, gain=gain, **given)
     setting, mark = replace(setting, notes=(*remarks, *setting.notes)), fingerprint(problem, gain)
     if runs is None:
-        return replace(run_once(setting, progress=progress), loop_sha256=mark)
-    return replace(run_many(setting, runs, progress=progress), loop_sha256=mark)
+        return replace(run_once(setting, progress=report_to(progress)), loop_sha256=mark)
+    return replace(run_many(setting, runs, progress=report_to(progress)), loop_sha256=mark)
 
 
 def fingerprint(problem: Problem, gain: Matrix | None) -> str:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from os import PathLike
 from typing import Any
 
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.errors import SpecError
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.claim import Design, TradeOff, read_design_request
-from dobc_design.synthesis.joint.search import Progress, search_design, trade_off_of
+from dobc_design.synthesis.joint.search import search_design, trade_off_of
 from dobc_design.synthesis.observer.claim import ObserverDesign, read_observer_request
 from dobc_design.synthesis.observer.search import search_groups
 from dobc_design.synthesis.pinning.claim import PinningDesign, read_request
@@ -18,10 +19,6 @@ from dobc_design.synthesis.pinning.search import search_pinning, search_region
 
 def _loaded(problem: Problem | str | PathLike[str]) -> Problem:
     return problem if isinstance(problem, Problem) else load_problem(problem)
-
-
-def _silent(stage: str) -> None:
-    """Nobody asked for progress."""
 
 
 def design_observer(
@@ -55,6 +52,7 @@ def design_observer(
     return search_groups(problem.groups, request)
 
 
+@shows_progress
 def design_pinning(
     problem: Problem | str | PathLike[str],
     *,
@@ -65,7 +63,7 @@ def design_pinning(
     pins: Any = None,
     digits: int = 4,
     region: Any = None,
-    progress: Progress | None = None,
+    progress: Reports[str] = None,
 ) -> PinningDesign:
     """Design the cheapest pinning gains for a decay rate, and prove what is said of them.
 
@@ -74,7 +72,7 @@ def design_pinning(
     certificate that covers it, and with no lower bound of their cost.  ``allowed``: labels of agents that may be pinned
     (default all).  ``cost``: c_i > 0, a number or label -> number, of sum c_i k_i.  ``max_gain`` (1/s): cap of every
     gain, likewise.  ``pins``: at most so many agents, or "fewest".  ``digits`` of the gains, which are rounded up.
-    ``progress`` is called with what is being done.  Gains that the problem has are not looked at.
+    ``progress``: True for a bar, or a function of what is being done.  Gains that the problem has are not looked at.
     Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the nearest request.
     Raises: SpecError for a wrong request, or couplings without a derivative at the consensus.
     Source: theory, sections 4, 5 and 7.
@@ -86,13 +84,14 @@ def design_pinning(
     problem = _loaded(problem)
     limits = {"allowed": allowed, "cost": cost, "max_gain": max_gain, "pins": pins, "digits": digits}
     request = read_request(problem.network.labels, rate=rate, **limits)
-    progress = progress or _silent
+    report = report_to(progress)
     if region is None:
-        return search_pinning(problem, request, progress)
-    progress("looking for gains that do over the region")
+        return search_pinning(problem, request, report)
+    report("looking for gains that do over the region")
     return search_region(problem, request, region)
 
 
+@shows_progress
 def design(
     problem: Problem | str | PathLike[str],
     *,
@@ -103,7 +102,7 @@ def design(
     noise: Any = None,
     digits: int = 3,
     reduce: bool = True,
-    progress: Progress | None = None,
+    progress: Reports[str] = None,
 ) -> Design:
     """Design observer gain, pinned agents and gains together, so that ``certify`` proves what the problem asks.
 
@@ -112,17 +111,18 @@ def design(
     as it takes.  ``max_gain`` (1/s): cap of every gain, a number or label -> number.  ``allowed``: labels of agents
     that may be pinned.  ``noise``: bound on the H-infinity norm from measurement noise to dhat, or NoiseLimit.
     ``digits`` of W and of the gains: what is certified are the rounded numbers.  ``reduce``: an exosystem with a part
-    that C does not see and that does not decay is replaced by its observable part.  ``progress`` is called with what
-    is being done.
+    that C does not see and that does not decay is replaced by its observable part.  ``progress``: as in
+    ``certify``.
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
     with the nearest possible request.  Raises: SpecError for a wrong argument.
     """
     problem = _loaded(problem)
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     request = read_design_request(problem.network.labels, digits=digits, reduce=reduce, **limits)
-    return search_design(problem, request, progress or _silent)
+    return search_design(problem, request, report_to(progress))
 
 
+@shows_progress
 def trade_off(
     problem: Problem | str | PathLike[str],
     *,
@@ -133,7 +133,7 @@ def trade_off(
     allowed: Any = None,
     points: int = 10,
     digits: int = 3,
-    progress: Progress | None = None,
+    progress: Reports[str] = None,
 ) -> TradeOff:
     """One limit of a design in terms of another, as a curve.
 
@@ -147,4 +147,4 @@ def trade_off(
     """
     problem = _loaded(problem)
     request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
-    return trade_off_of(problem, request, curve, design=design, points=points, progress=progress or _silent)
+    return trade_off_of(problem, request, curve, design=design, points=points, progress=report_to(progress))

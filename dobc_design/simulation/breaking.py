@@ -31,7 +31,7 @@ from dobc_design.simulation.signals import Signal, signal_of
 from dobc_design.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from dobc_design.plotting.look import Sheet
+    pass
 
 Late = Callable[[Stress], float]
 UNITS = {
@@ -99,10 +99,12 @@ class Breaking(Shown):
         broken = [(each.relative_break, each.option) for each in self.sweeps if each.relative_break is not None]
         return tuple(option for _, option in sorted(broken))
 
-    def plot(self) -> Sheet:
-        """One panel per option, in one figure."""
-        from dobc_design.plotting.sweeps import breaking_sheet
+    def plot(self, ax: Any = None) -> Any:
+        """One panel per option in a Sheet; with Matplotlib's ``ax`` all options in these axes, by relative severity."""
+        from dobc_design.plotting.sweeps import breaking_sheet, plot_breaking
 
+        if ax is not None:
+            return plot_breaking(ax, self.sweeps, tolerance=self.tolerance, name=self.name)
         limit = self.period or PeriodLimit(converges=None, fails=None)
         borders = {"period": limit.converges, "certified": limit.certified}
         return breaking_sheet(self.sweeps, tolerance=self.tolerance, name=self.name, **borders)

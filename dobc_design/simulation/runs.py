@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
 Source = Problem | str | PathLike[str]
 MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
+DRAWN_RUNS, MOST_STATES = 5, 2_000_000  # whose states an ensemble keeps, and how many numbers at most
 MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is
 
 
@@ -56,7 +57,8 @@ class Ensemble(measures.Simulated):
 
     Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d - dhat|_inf, nan from where
     a run that diverged had ended; diverged (R,); ended (R,) in s; switches (R,), how often a run switched; goal (n, m);
-    lengths (R,), the Euclidean |e| of all agents at the start; disturbances (R,), the largest |xi_i - xihat_i| there.
+    lengths (R,), the Euclidean |e| of all agents at the start; disturbances (R,), the largest |xi_i - xihat_i| there;
+    states (S, T, n, m), x of the first runs, which the figure shows (at most 5, none of very large networks).
     ``reasons`` says by run why it ended early; ``signal`` and ``stress`` are JSON, ``observer`` as in ``simulate``.
     ``simulate(problem, seed=seeds[r], ...)`` gives run r again, in full.
     """
@@ -81,6 +83,7 @@ class Ensemble(measures.Simulated):
     stress: str
     lengths: Array
     disturbances: Array
+    states: Array
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
 
     def __post_init__(self) -> None:
@@ -112,7 +115,7 @@ class Ensemble(measures.Simulated):
         return measures.summary(self.times, self.error, self.diverged)
 
     def plot(self, *, certificate: Certificate | None = None, envelope: Envelope | None = None, ax: Any = None) -> Any:
-        """Quantile bands of the errors over all runs.  The arguments are those of ``Trajectory.plot``."""
+        """States of the first runs, quantile bands of all errors.  The arguments are those of ``Trajectory.plot``."""
         from dobc_design.plotting.runs import ensemble_sheet, plot_bands
 
         bound = measures.bound_of(self, certificate, envelope)
@@ -307,6 +310,8 @@ class _Collector:
         self.error, self.estimation = np.full((2, runs, len(setting.times)), np.nan)
         self.ended, self.count = np.full(runs, setting.horizon), np.zeros(runs, dtype=np.int64)
         self.lengths, self.disturbances = np.zeros((2, runs))
+        shape = (len(setting.times), setting.loop.n, setting.loop.m)
+        self.states = np.full((min(runs, DRAWN_RUNS, MOST_STATES // int(np.prod(shape))), *shape), np.nan)
         self.reasons: dict[int, str] = {}
         self.method = "DOP853, side by side"
 
@@ -341,6 +346,7 @@ class _Collector:
             notes=tuple(notes),
             lengths=self.lengths,
             disturbances=self.disturbances,
+            states=self.states,
         )
 
     def reason_for_single_runs(self, closed: ClosedForm | None) -> str:
@@ -394,6 +400,7 @@ class _Collector:
                     late = setting.times > ended[row]
                     self.ended[chosen[row]], self.reasons[int(chosen[row])] = ended[row], reason
                     self.error[chosen[row], late] = self.estimation[chosen[row], late] = np.nan
+                    self.states[chosen[row] : chosen[row] + 1, late] = np.nan
                 else:
                     self.single(int(chosen[row]))
 
@@ -409,7 +416,7 @@ class _Collector:
             self.estimation[chosen, place] = np.abs(np.tensordot(weight, eps, axes=(1, 1))).max(axis=(0, 1))
 
         def visit(sample: IndexArray, run: IndexArray, e: Array) -> None:
-            self.error[chosen[run], sample] = np.abs(e).max(axis=0)
+            self.put(chosen, sample, run, e.reshape(loop.n, loop.m, -1))
 
         ends = stack.integrate(setting.times, tolerance=setting.tolerance, visit=visit)
         return ends.times, ends.reasons()
@@ -423,10 +430,13 @@ class _Collector:
         counts, reasons = Stepper(runs, visit, part).run()
         return self.setting.times[counts - 1], reasons
 
-    def put(self, chosen: IndexArray, sample: IndexArray, run: IndexArray, e: Array, gap: Array) -> None:
+    def put(self, chosen: IndexArray, sample: IndexArray, run: IndexArray, e: Array, gap: Array | None = None) -> None:
         """Errors e and d - dhat (n, m, k) of runs at their samples, (k,) each."""
+        own = chosen[run] < len(self.states)
         self.error[chosen[run], sample] = np.abs(e).max(axis=(0, 1))
-        self.estimation[chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
+        self.states[chosen[run][own], sample[own]] = np.moveaxis(e[..., own], -1, 0) + self.setting.loop.goal
+        if gap is not None:
+            self.estimation[chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
 
     def single(self, run: int) -> None:
         done = run_once(self.setting, seed=self.setting.seed + run)
@@ -434,6 +444,8 @@ class _Collector:
         self.error[run], self.estimation[run] = np.nan, np.nan
         self.error[run, :count] = done.error()[:count]
         self.estimation[run, :count] = done.estimation_error()[:count]
+        self.states[run : run + 1] = np.nan
+        self.states[run : run + 1, :count] = done.x[:count]
         self.ended[run], self.count[run] = done.times[-1], len(done.switches) - 1
         _, self.lengths[run], self.disturbances[run] = done.start_size()
         if done.diverged:

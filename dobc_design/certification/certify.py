@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
-from os import PathLike
-from typing import Any
 
 from dobc_design import __version__
 from dobc_design._show.progress import Reports, report_to, shows_progress
@@ -41,12 +39,12 @@ from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, sett
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import Number, number_text
 from dobc_design.exact.work import out_of_time, read_time_limit, until
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, join, name_some
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -60,11 +58,11 @@ STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (separable_stage,
 
 @shows_progress
 def certify(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
     everything: bool = False,
-    settling: Any = None,
-    time_limit: Any = None,
+    settling: Number | None = None,
+    time_limit: Number | None = None,
     progress: Reports[str] = None,
 ) -> Certificate:
     """Run every condition that applies and decide each exactly.
@@ -83,8 +81,7 @@ def certify(
         >>> certificate.verdict.value, certificate.covered_by
         ('proved', 'theorem1')
     """
-    if not isinstance(problem, Problem):
-        problem = load_problem(problem)
+    problem = load_problem(problem)
     report = report_to(progress)
     tolerance = None if settling is None else read_tolerance(settling)
     seconds = None if time_limit is None else read_time_limit(time_limit)
@@ -127,7 +124,7 @@ def certify(
         return Certificate(problem=problem, claims=agreed(claims, problem))
 
 
-def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | PathLike[str]) -> Recheck:
+def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Recheck:
     """Check every claim of a certificate exactly, against the problem, which is trusted and never taken from it.
 
     Two programs written apart decide, the package's own exact arithmetic and ``checker/``.
@@ -137,19 +134,17 @@ def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | P
         >>> dd.verify(dd.certify("clock-sync"), "clock-sync").holds
         True
     """
-    if not isinstance(problem, Problem):
-        problem = load_problem(problem)
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
-    return verify_twice(claims, problem)
+    return verify_twice(claims, load_problem(problem))
 
 
 @shows_progress
 def certify_settling(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
-    tolerance: Any = "1/1000",
-    radius: Any = None,
-    disturbance: Any = None,
+    tolerance: Number = "1/1000",
+    radius: Number | None = None,
+    disturbance: Number | None = None,
     progress: Reports[str] = None,
 ) -> Settling:
     """Prove a settling time: |e(t)|_inf <= tolerance for all t >= time, and an envelope of |e(t)|_inf on the way.
@@ -165,7 +160,7 @@ def certify_settling(
         >>> settling.verdict.value, settling.envelope(settling.time) <= 0.1
         ('proved', True)
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     asked = asked_of(problem, tolerance=tolerance, radius=radius, disturbance=disturbance)
     return settle(problem, observer_gain(problem), asked, progress=report_to(progress))
 

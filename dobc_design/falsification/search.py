@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Certified, 
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.model.model import Flow, build_flow, build_model
 from dobc_design.problem.arrays import Array, Gain, chosen_gain, no_gain, pinning_matrix, unreached
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
 from dobc_design.simulation.integrate import fastest_decay
@@ -59,7 +58,7 @@ GROWTH, SHRINKAGE = 1.5, 0.4
 
 @shows_progress
 def falsify(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
     runs: int = RUNS,
     seed: int | None = None,
@@ -80,7 +79,7 @@ def falsify(
     Returns: a Falsification with suspects, which prove nothing, and equilibria, each proved in a box by interval
     arithmetic.  Raises: SpecError for a wrong argument.
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     gain = observer_gain(problem)
     if isinstance(certified, Certificate):
         gain, certified = certified.claims.W, sets.regional_check(certified)

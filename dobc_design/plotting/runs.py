@@ -76,6 +76,7 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
             plot_states(rows[c], runs, component=c)
         plot_bands(rows[components], runs, envelope)
         if has_estimate:
+            rows[components].set_xlabel("")
             plot_quantiles(rows[-1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s")
         in_time(rows[-1], runs.times)
 

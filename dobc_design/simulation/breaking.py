@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError, wrong
 from dobc_design.problem.arrays import Array, arc_groups
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive
 from dobc_design.simulation.field import Loop
@@ -147,7 +146,7 @@ class Breaking(Shown):
 
 @shows_progress
 def what_breaks_first(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
     options: Sequence[str] | None = None,
     signal: Signal | None = None,
@@ -176,7 +175,7 @@ def what_breaks_first(
         message = f"must be among {', '.join(OPTIONS)}; got {str(unknown[0])[:40] if unknown else 'none'}."
         raise wrong("options", message, "Leave it out for all of them.")
     tolerance = positive(tolerance, "tolerance", example="0.1")
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     chosen, remark = (signal, None) if signal is not None else signal_of(problem)
     given: dict[str, Any] = {"signal": chosen, "start": start, "t_final": t_final, "seed": seed}
     setting = make_setting(problem, gain=observer_gain(problem), samples=SAMPLES, tolerance=COARSE, **given)

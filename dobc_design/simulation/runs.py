@@ -25,7 +25,7 @@ from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.canonical import loop_sha256
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation import integrate
@@ -45,7 +45,6 @@ from dobc_design.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from dobc_design.plotting.runs import Envelope
 
-Source = Problem | str | PathLike[str]
 MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
 DRAWN_RUNS, MOST_STATES = 5, 2_000_000  # whose states an ensemble keeps, and how many numbers at most
 MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is
@@ -190,7 +189,7 @@ def simulate(
         >>> run.x.shape, run.diverged, run.final_error < 0.3
         ((61, 10, 1), False, True)
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     remarks: list[str] = []
     if signal is None and mode is None:
         signal, remark = signal_of(problem)

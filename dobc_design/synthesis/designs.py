@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-from os import PathLike
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import Literal
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.errors import SpecError
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.problem import Problem
+from dobc_design.exact.number import Number
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.synthesis.joint.claim import Design, TradeOff, read_design_request
 from dobc_design.synthesis.joint.search import search_design, trade_off_of
-from dobc_design.synthesis.observer.claim import ObserverDesign, read_observer_request
+from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, SpectralRegion, read_observer_request
 from dobc_design.synthesis.observer.search import search_groups
 from dobc_design.synthesis.pinning.claim import PinningDesign, read_request
 from dobc_design.synthesis.pinning.search import search_pinning, search_region
 
-
-def _loaded(problem: Problem | str | PathLike[str]) -> Problem:
-    return problem if isinstance(problem, Problem) else load_problem(problem)
+Each = Number | Mapping[str | int, Number]  # one for all agents, or by label
+Labels = Collection[str | int]
+Noise = Number | NoiseLimit | Sequence[NoiseLimit]
 
 
 def design_observer(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
-    rate: Any = None,
-    region: Any = None,
-    noise: Any = None,
+    rate: Number | None = None,
+    region: SpectralRegion | Sequence[SpectralRegion] | None = None,
+    noise: Noise | None = None,
     digits: int = 4,
-    period: Any = None,
+    period: Number | None = None,
 ) -> ObserverDesign:
     """Design the observer gain W and prove that the rounded W does what was asked.
 
@@ -43,7 +43,7 @@ def design_observer(
         >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
         'refuted'
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     if not problem.groups:
         text = "exosystem must be given to design an observer, because it says what W estimates; got none."
         raise SpecError(text, key="exosystem", cure="dobc_design.exosystems has common shapes, constant() among them.")
@@ -54,15 +54,15 @@ def design_observer(
 
 @shows_progress
 def design_pinning(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
-    rate: Any,
-    allowed: Any = None,
-    cost: Any = None,
-    max_gain: Any = None,
-    pins: Any = None,
+    rate: Number,
+    allowed: Labels | None = None,
+    cost: Each | None = None,
+    max_gain: Each | None = None,
+    pins: int | Literal["fewest"] | None = None,
     digits: int = 4,
-    region: Any = None,
+    region: Number | bool | None = None,
     progress: Reports[str] = None,
 ) -> PinningDesign:
     """Design the cheapest pinning gains for a decay rate, and prove what is said of them.
@@ -81,7 +81,7 @@ def design_pinning(
         >>> found.verdict.value, list(found.gains)
         ('proved', ['gateway'])
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     limits = {"allowed": allowed, "cost": cost, "max_gain": max_gain, "pins": pins, "digits": digits}
     request = read_request(problem.network.labels, rate=rate, **limits)
     report = report_to(progress)
@@ -93,13 +93,13 @@ def design_pinning(
 
 @shows_progress
 def design(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
-    rate: Any = None,
-    pins: Any = None,
-    max_gain: Any = None,
-    allowed: Any = None,
-    noise: Any = None,
+    rate: Number | None = None,
+    pins: int | Literal["fewest"] | None = None,
+    max_gain: Each | None = None,
+    allowed: Labels | None = None,
+    noise: Noise | None = None,
     digits: int = 3,
     reduce: bool = True,
     progress: Reports[str] = None,
@@ -115,8 +115,11 @@ def design(
     ``certify``.
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
     with the nearest possible request.  Raises: SpecError for a wrong argument.
+    Example:
+        >>> dd.design("clock-sync", rate="1/20", allowed=["gateway"]).verdict.value
+        'proved'
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     request = read_design_request(problem.network.labels, digits=digits, reduce=reduce, **limits)
     return search_design(problem, request, report_to(progress))
@@ -124,13 +127,13 @@ def design(
 
 @shows_progress
 def trade_off(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
     curve: str = "gain",
     design: Design | None = None,
-    pins: Any = None,
-    max_gain: Any = None,
-    allowed: Any = None,
+    pins: int | Literal["fewest"] | None = None,
+    max_gain: Each | None = None,
+    allowed: Labels | None = None,
     points: int = 10,
     digits: int = 3,
     progress: Reports[str] = None,
@@ -143,8 +146,11 @@ def trade_off(
     to dhat against the decay of the estimate's error.  ``design``: one of this problem, whose point is marked and whose
     W is used.  ``points``: how many are tried.  ``pins``, ``max_gain``, ``allowed``, ``digits`` and ``progress`` are as
     in ``design``; gains that the problem has are not looked at.
-    Returns: a TradeOff with ``points``, ``plot()`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
+    Returns: a TradeOff with ``points``, ``plot(ax=...)`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
+    Example:
+        >>> dd.trade_off("clock-sync", pins=1, points=3).y_name
+        'sum of the gains, 1/s'
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
     return trade_off_of(problem, request, curve, design=design, points=points, progress=report_to(progress))

@@ -1,4 +1,4 @@
-"""``progress=True``: a bar where somebody can see it, and every public function with ``progress`` has it."""
+"""What public functions take: numbers with a type, and ``progress=True``, a bar where somebody can see it."""
 
 from __future__ import annotations
 
@@ -17,6 +17,17 @@ REPORTING = sorted(
     for name in dd.__all__
     if inspect.isfunction(getattr(dd, name)) and "progress" in inspect.signature(getattr(dd, name)).parameters
 )
+
+
+def test_rates_pins_and_tolerances_have_types():
+    """No argument that is a number, pins or labels is Any."""
+    loose = {
+        f"{name}({given.name})"
+        for name in ("certify", "certify_settling", "design", "design_observer", "design_pinning", "trade_off")
+        for given in inspect.signature(getattr(dd, name)).parameters.values()
+        if given.annotation == "Any"
+    }
+    assert loose == set()
 
 
 def test_every_function_that_reports_has_a_bar():

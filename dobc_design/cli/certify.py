@@ -235,13 +235,13 @@ def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check
     if beside:
         table.add_column("what it says", overflow="fold")
     rows = _rows(checks)
-    for title, each in rows.items():
+    for title, each in rows:
         numbers = [(each.rate, 4), (each.margin, 4)]
         texts = ["" if value is None else significant_towards_zero(value, digits) for value, digits in numbers]
         texts += [capitalize_first(each.reason)] if beside else []
         table.add_row(Text(title), output.verdict_text(each.verdict.value), *map(Text, texts))
     parts: list[RenderableType] = [Text(""), table] if checks else []
-    for title, each in () if beside else rows.items():
+    for title, each in () if beside else rows:
         lines = textwrap.wrap(capitalize_first(each.reason), width, initial_indent="  ", subsequent_indent="  ")
         parts += [Text.assemble("\n", (title, "bold")), Text("\n".join(lines))]
     output.show(parts, wrapped=True)
@@ -254,16 +254,16 @@ def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check
     output.show(Text(f"{'' if place else chr(10)}Note: {note}") for place, note in enumerate(notes))
 
 
-def _rows(checks: Sequence[Check]) -> dict[str, Check]:
-    """Row head -> check; modes of which the same is said share a row."""
+def _rows(checks: Sequence[Check]) -> list[tuple[str, Check]]:
+    """Row heads and checks; modes of which the same is said share a row."""
     same: dict[tuple[object, ...], list[Check]] = {}
     for each in checks:
         same.setdefault((each.id, each.group, each.verdict, each.rate, each.margin, each.reason), []).append(each)
-    rows = {}
+    rows = []
     for alike in same.values():
         modes = ", ".join(str(each.mode) for each in alike[:MOST_MODES])
         more = f" and {len(alike) - MOST_MODES} more" if len(alike) > MOST_MODES else ""
-        rows[f"{alike[0].id} ({modes}{more})" if len(alike) > 1 else alike[0].title] = alike[0]
+        rows.append((f"{alike[0].id} ({modes}{more})" if len(alike) > 1 else alike[0].title, alike[0]))
     return rows
 
 

@@ -123,8 +123,8 @@ def sampling_check(
     bound = SamplingBound(period=period, factor=1 - period * claim.alpha, own=own)
     fall = shorten(100 * (1 - bound.factor), digits=4)
     held, left = ("; dhat acts continuously", ", up to what the estimation error adds") if problem.groups else ("", "")
-    reason = f"stable with couplings and pinning held for up to {float(period):.4g} s (zero-order hold{held}): for that"
-    reason += f" the largest weighted error falls by at least {fall:.4g} % a sample{left}."
+    reason = f"stable with couplings and pinning held for up to {float(period):.4g} s (zero-order hold{held});"
+    reason += f" at that period the largest weighted error falls by at least {fall:.4g} % a sample{left}."
     return Check(id="sampling", verdict=Verdict.PROVED, domain=beside.domain, claim=bound, reason=reason)
 
 

@@ -50,7 +50,8 @@ def disturbance_words(problem: Problem, group: Group) -> str:
 
 def _starts(problem: Problem, group: Group) -> Array:
     """The states xi(0) of the agents of a group, in columns (q, agents); none where they are not given."""
-    rows = (problem.simulation.xi0 or ()) if _has_floats(problem) else ()
+    rows = problem.simulation.xi0 or ()
+    rows = rows if rows and _has_floats(problem) else ()
     if len(rows) > 1:
         own = group_numbers(problem.groups, problem.network.labels)
         rows = tuple(row for row, number in zip(rows, own, strict=True) if problem.groups[number] is group)
@@ -100,7 +101,7 @@ def _part(part: Part, amplitude: float | None = None) -> str:
 
 def time_words(problem: Problem) -> str:
     """The time scales near the target, and a step that suits them; "" where they are not known."""
-    fast, slow = _time_scales(problem)
+    fast, slow = _time_scales(problem) if _has_floats(problem) else ([], [])
     if not fast or not slow:
         return ""
     (least, who), (most, what) = min(fast), max(slow)
@@ -125,8 +126,6 @@ Scale = tuple[float, str]  # in s, and of what
 def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
     """1/|s| of the fastest eigenvalue and -1/Re(s) of the slowest of each part of the linearised loop."""
     spectra = list[tuple[str, NDArray[Any]]]()
-    if not _has_floats(problem):
-        return [], []
     if problem.n * problem.m <= LARGEST_NETWORK:
         K = pinning_matrix(problem)
         found = [consensus_jacobian(problem, mode) for mode in list(problem.network.modes)[:MOST_MODES]]
@@ -147,6 +146,7 @@ def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
 
 def remarks(problem: Problem) -> tuple[str, ...]:
     """What an engineer should look at before trusting any answer about ``problem``, the gravest first."""
+    floats = _has_floats(problem)
     found = chain(
         *(
             _about_disturbance(group, f" of the group of agent {group.name}" * problem.is_grouped)
@@ -154,9 +154,9 @@ def remarks(problem: Problem) -> tuple[str, ...]:
         ),
         _about_network(problem),
         _about_couplings(problem),
+        *(_over_region(problem, coupling) for coupling in problem.couplings if floats),
         _about_region(problem),
-        _about_observers(problem),
-        _about_times(problem),
+        *(about(problem) for about in (_about_observers, _about_times) if floats),
         _about_simulation(problem),
         _about_switching(problem),
     )
@@ -258,13 +258,13 @@ def _about_couplings(problem: Problem) -> Iterator[str]:
                 f"The coupling {h} vanishes to first order (h'(0) = 0): close to each other agents hardly "
                 "attract each other."
             )
-        yield from _over_region(problem, coupling, h) if coupling.by_component else ()
 
 
-def _over_region(problem: Problem, coupling: Coupling, h: str) -> Iterator[str]:
+def _over_region(problem: Problem, coupling: Coupling) -> Iterator[str]:
     """Where h ends, or falls, between the starts asked for."""
-    if problem.region is None or not _has_floats(problem):
+    if problem.region is None or not coupling.by_component:
         return
+    h = f"h = {', '.join(coupling.texts)}"
     goals = [problem.goal_of(i) for i in range(problem.n)] if problem.offsets else [problem.target]
     width = max(
         nearest(hi - lo + max(goal[c] for goal in goals) - min(goal[c] for goal in goals))
@@ -357,7 +357,7 @@ def _about_region(problem: Problem) -> Iterator[str]:
 
 
 def _about_observers(problem: Problem) -> Iterator[str]:
-    for group in problem.groups if _has_floats(problem) else ():
+    for group in problem.groups:
         A, C, own = to_float(group.exosystem.A), to_float(group.exosystem.C), group.observer
         if own.W is None or group.exosystem.order > LARGEST_ORDER:
             continue

@@ -294,16 +294,16 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
 
     from dobc_design.conditions.schedule.checks import stage_timings
     from dobc_design.report import region_words as told
-    from dobc_design.report.words import capitalize_first
 
     regions, settling = certificate.regions, certificate.settling
-    reason = capitalize_first(certificate.reason.removeprefix("Undecided: "))
+    reason = certificate.reason.removeprefix("Undecided: ")
     yield output.verdict_line(certificate.problem.name, certificate.verdict.value, reason)
     yield Text("")
     if not regions.claims:
         yield Text("Nothing is said about starts: no condition applies.")
         return
-    yield Text(f"{told.asked_sentence(regions)}\n")
+    norms = "|e|∞ is the largest error of any agent, |e|₂ the Euclidean norm of all errors."
+    yield Text(f"{told.asked_sentence(regions)} {norms}\n")
     table = told.regions_table(regions, disturbed=False)
     yield output.document_table(table, leave_out=["certified", *([] if wide else ["|e|₂ ≤", "why not further"])])
     for claim in () if wide else regions.claims:  # the last column stands below the table

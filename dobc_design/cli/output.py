@@ -215,7 +215,7 @@ def verdict_line(name: str, verdict: str, reason: str) -> Text:
     from rich.text import Text
 
     head = Text(f"{name}: ", style="bold").append(verdict.upper(), style=COLOURS[verdict])
-    return head.append(f". {reason}", style="not bold")
+    return head.append(f". {reason[:1].upper()}{reason[1:]}", style="not bold")
 
 
 def verdict_text(verdict: str) -> Text:

@@ -25,7 +25,7 @@ PACKAGE = "dobc_design"
 # Third-party packages (import names) of every room; a room that is not here may have none.
 NUMBERS, PLOTS = {"numpy", "scipy"}, {"matplotlib", "numpy", "PIL"}  # Pillow, which comes with Matplotlib, writes GIFs
 THIRD_PARTY = {
-    "_show": {"latex2mathml"},
+    "_show": {"latex2mathml", "rich"},
     "analysis": {"control", "networkx", *NUMBERS},
     "certificate": {"numpy"},
     "certification": {"numpy"},

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dobc_design._show.cards import Card, Shown, cut
 from dobc_design._show.text import latex_text
@@ -19,9 +19,14 @@ from dobc_design.certificate.regions import Regions, certified_regions, certifie
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -59,6 +64,22 @@ class Certificate(Shown):
     def checks(self) -> tuple[Check, ...]:
         """Every condition that was examined."""
         return self.claims.checks
+
+    @property
+    def W(self) -> NDArray[np.float64] | None:  # noqa: N802 - the paper's letter
+        """The observer gain as floats, (q, m) in 1/s; None without one.  What is proved is about ``W_exact``."""
+        return None if self.claims.W is None else to_float(self.claims.W)
+
+    @property
+    def W_exact(self) -> Matrix | None:  # noqa: N802 - the paper's letter
+        """The observer gain as rationals, (q, m) in 1/s; None without one.
+
+        Example:
+            >>> certificate = dd.certify("paper-fixed")
+            >>> certificate.W.round(1).tolist(), certificate.W_exact[0][0]
+            ([[3.2], [2.4]], Fraction(16, 5))
+        """
+        return self.claims.W
 
     @property
     def regions(self) -> Regions:

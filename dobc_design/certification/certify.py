@@ -12,10 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
-from os import PathLike
-from typing import Any
 
 from dobc_design import __version__
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import writable
@@ -40,12 +39,12 @@ from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, sett
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import Number, number_text
 from dobc_design.exact.work import out_of_time, read_time_limit, until
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, join, name_some
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -57,13 +56,14 @@ DOUBT = 1e-9  # an estimate of lambda_max above minus this calls for a witness
 STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (separable_stage, quadratic_stage, exhaustive_stage)
 
 
+@shows_progress
 def certify(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
     everything: bool = False,
-    settling: Any = None,
-    time_limit: Any = None,
-    progress: Progress | None = None,
+    settling: Number | None = None,
+    time_limit: Number | None = None,
+    progress: Reports[str] = None,
 ) -> Certificate:
     """Run every condition that applies and decide each exactly.
 
@@ -72,7 +72,7 @@ def certify(
     unit of x; the time after which |e(t)|_inf stays below it is proved as well (with ``everything`` and a region a
     hundredth of its radius by default).  ``time_limit`` (s): stages that would begin later are left out, and long ones
     cut off; without one every stage has a limit that is counted, so that the same input gives the same claims.
-    ``progress`` is called with the name of each stage.
+    ``progress``: True for a bar, or a function of the name of each stage.
     Returns: a Certificate; its verdict is PROVED, REFUTED or UNDECIDED.
     Raises: SpecError for a wrong problem.  A numerical library that breaks down costs at most a shorter proof.
     Source: Lemma 1, Theorems 1 and 2; theory, sections 1 to 5.
@@ -81,9 +81,8 @@ def certify(
         >>> certificate.verdict.value, certificate.covered_by
         ('proved', 'theorem1')
     """
-    if not isinstance(problem, Problem):
-        problem = load_problem(problem)
-    report = progress or (lambda stage: None)
+    problem = load_problem(problem)
+    report = report_to(progress)
     tolerance = None if settling is None else read_tolerance(settling)
     seconds = None if time_limit is None else read_time_limit(time_limit)
     options = ["--all"] if everything else []
@@ -125,7 +124,7 @@ def certify(
         return Certificate(problem=problem, claims=agreed(claims, problem))
 
 
-def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | PathLike[str]) -> Recheck:
+def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Recheck:
     """Check every claim of a certificate exactly, against the problem, which is trusted and never taken from it.
 
     Two programs written apart decide, the package's own exact arithmetic and ``checker/``.
@@ -135,25 +134,24 @@ def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | P
         >>> dd.verify(dd.certify("clock-sync"), "clock-sync").holds
         True
     """
-    if not isinstance(problem, Problem):
-        problem = load_problem(problem)
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
-    return verify_twice(claims, problem)
+    return verify_twice(claims, load_problem(problem))
 
 
+@shows_progress
 def certify_settling(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
-    tolerance: Any = "1/1000",
-    radius: Any = None,
-    disturbance: Any = None,
-    progress: Progress | None = None,
+    tolerance: Number = "1/1000",
+    radius: Number | None = None,
+    disturbance: Number | None = None,
+    progress: Reports[str] = None,
 ) -> Settling:
     """Prove a settling time: |e(t)|_inf <= tolerance for all t >= time, and an envelope of |e(t)|_inf on the way.
 
     ``tolerance`` in the unit of x.  The starts are |e(0)|_inf <= ``radius`` and |eps_i(0)| <= ``disturbance``
     (Euclidean), by default the smallest such set that holds the [region].  It holds for arbitrary switching among the
-    modes.  A missing W is designed first, as ``certify`` does.  ``progress`` is called with the name of each stage.
+    modes.  A missing W is designed first, as ``certify`` does.  ``progress``: as in ``certify``.
     Returns: a Settling with ``time`` (s), ``envelope(t)``, ``stages`` and ``verdict``: PROVED, or UNDECIDED with
     the reason.  Raises: SpecError for a wrong number, or without a [region] and without a radius.
     Source: theory, section 5, Staging.
@@ -162,9 +160,9 @@ def certify_settling(
         >>> settling.verdict.value, settling.envelope(settling.time) <= 0.1
         ('proved', True)
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     asked = asked_of(problem, tolerance=tolerance, radius=radius, disturbance=disturbance)
-    return settle(problem, observer_gain(problem), asked, progress=progress or (lambda stage: None))
+    return settle(problem, observer_gain(problem), asked, progress=report_to(progress))
 
 
 def region_checks(

@@ -6,20 +6,18 @@ becomes a check of the certificate, unless a proof or a refutation stands there 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import Final
 
 from dobc_design._show.cards import Card, Shown
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.overall import decide_overall
 from dobc_design.falsification.search import RUNS, search_starts
 from dobc_design.falsification.starts import regional_check
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.verdict import Verdict
-
-Progress = Callable[[str], None]
 
 #: Starts of the default search: rows n m times starts are at most so many, but there are a few starts at least.
 MOST_ROWS: Final = 200_000
@@ -42,13 +40,14 @@ class Searched(Shown):
         return f"<Searched {self.certificate!r}, {len(self.searches)} searches>"
 
 
+@shows_progress
 def search_certificate(
-    certificate: Certificate, *, runs: int | None = None, seed: int | None = None, progress: Progress | None = None
+    certificate: Certificate, *, runs: int | None = None, seed: int | None = None, progress: Reports[str] = None
 ) -> Searched:
     """Look for starts that contradict: in the region asked for, and on the boundary of the certified set.
 
     ``runs`` starts each, by default 500, fewer for large networks; the same ``seed`` (the problem's by default) gives
-    the same search.  ``progress`` is called with the name of each stage.
+    the same search.  ``progress``: as in ``certify``.
     Returns: the searches, and the certificate, which a proved equilibrium inside the region asked for refutes where
     nothing was decided.  A missing region: twice the largest certified box.  Raises: SpecError for a wrong argument.
     """
@@ -62,7 +61,7 @@ def search_certificate(
     check, radius = regional_check(certificate), None
     if problem.region is None:
         radius = BEYOND * max((claim.box or 0.0 for claim in certificate.regions.claims), default=0.0) or None
-    search = partial(search_starts, problem, runs=runs, seed=seed, gain=W, progress=progress)
+    search = partial(search_starts, problem, runs=runs, seed=seed, gain=W, progress=report_to(progress))
     found = [search(radius=radius), *([] if check is None else [search(certified=check)])]
     refuting = found[0].check
     is_new = refuting is not None and refuting.id not in {each.id for each in certificate.checks}

@@ -18,14 +18,17 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from dobc_design.certificate.certificate import Certificate
-    from dobc_design.certificate.regions import Regions
     from dobc_design.conditions.check import Check
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.problem.problem import Problem
 
 REASONS_BESIDE = 120  # columns from which reasons stand beside the verdicts
-WIDE = 110  # columns from which the table of regions has its last column and bars
-BAR = 24  # columns of a bar
+COLUMNS = (
+    "Rate: lower bound of the decay rate. Margin: how far the largest eigenvalue stays below 0. "
+    "`dobc explain CONDITION` says what a condition means."
+)
+WIDE = 110  # columns from which the table of regions has its last column
+MOST_MODES = 4  # that are named in one row
 
 
 def certify(
@@ -221,30 +224,47 @@ def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check
     from rich.text import Text
 
     from dobc_design._show.text import significant_towards_zero
+    from dobc_design.report.words import capitalize_first
 
     output.show([head])
     width = output.make_console().width
     beside = width >= REASONS_BESIDE
-    table = output.make_table(["check"])
-    for name in ("verdict", "margin", "rate 1/s"):
+    table = output.make_table(["condition"])
+    for name in ("result", "rate (1/s)", "margin"):
         table.add_column(name, no_wrap=True)
     if beside:
-        table.add_column("reason", overflow="fold")
-    for each in checks:
-        numbers = [(each.margin, 6), (each.rate, 4)]
+        table.add_column("what it says", overflow="fold")
+    rows = _rows(checks)
+    for title, each in rows:
+        numbers = [(each.rate, 4), (each.margin, 4)]
         texts = ["" if value is None else significant_towards_zero(value, digits) for value, digits in numbers]
-        texts += [each.reason] if beside else []
-        table.add_row(Text(each.title), output.verdict_text(each.verdict.value), *map(Text, texts))
+        texts += [capitalize_first(each.reason)] if beside else []
+        table.add_row(Text(title), output.verdict_text(each.verdict.value), *map(Text, texts))
     parts: list[RenderableType] = [Text(""), table] if checks else []
-    for each in () if beside else checks:
-        lines = textwrap.wrap(each.reason, width, initial_indent="  ", subsequent_indent="  ")
-        parts += [Text.assemble("\n", (each.title, "bold")), Text("\n".join(lines))]
+    for title, each in () if beside else rows:
+        lines = textwrap.wrap(capitalize_first(each.reason), width, initial_indent="  ", subsequent_indent="  ")
+        parts += [Text.assemble("\n", (title, "bold")), Text("\n".join(lines))]
     output.show(parts, wrapped=True)
+    if checks:
+        output.show([Text(f"\n{COLUMNS}", style="dim")])
     regional = any(check.id == certificate.covered_by and check.kind.role == "region" for check in checks)
     if not regional or certificate.problem.region is not None:  # else nothing is to be cured
         output.show(_cures(checks, width=width, file=file, name=certificate.problem.name))
     notes = certificate.claims.notes
     output.show(Text(f"{'' if place else chr(10)}Note: {note}") for place, note in enumerate(notes))
+
+
+def _rows(checks: Sequence[Check]) -> list[tuple[str, Check]]:
+    """Row heads and checks; modes of which the same is said share a row."""
+    same: dict[tuple[object, ...], list[Check]] = {}
+    for each in checks:
+        same.setdefault((each.id, each.group, each.verdict, each.rate, each.margin, each.reason), []).append(each)
+    rows = []
+    for alike in same.values():
+        modes = ", ".join(str(each.mode) for each in alike[:MOST_MODES])
+        more = f" and {len(alike) - MOST_MODES} more" if len(alike) > MOST_MODES else ""
+        rows.append((f"{alike[0].id} ({modes}{more})" if len(alike) > 1 else alike[0].title, alike[0]))
+    return rows
 
 
 def _cures(checks: Sequence[Check], *, width: int, file: str | None, name: str) -> Iterator[str]:
@@ -274,17 +294,18 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
 
     from dobc_design.conditions.schedule.checks import stage_timings
     from dobc_design.report import region_words as told
-    from dobc_design.report.words import capitalize_first
 
     regions, settling = certificate.regions, certificate.settling
-    reason = capitalize_first(certificate.reason.removeprefix("Undecided: "))
+    reason = certificate.reason.removeprefix("Undecided: ")
     yield output.verdict_line(certificate.problem.name, certificate.verdict.value, reason)
     yield Text("")
     if not regions.claims:
         yield Text("Nothing is said about starts: no condition applies.")
         return
-    yield Text(f"{told.asked_sentence(regions)}\n")
-    yield _regions_table(regions, wide=wide)
+    norms = "|e|∞ is the largest error of any agent, |e|₂ the Euclidean norm of all errors."
+    yield Text(f"{told.asked_sentence(regions)} {norms}\n")
+    table = told.regions_table(regions, disturbed=False)
+    yield output.document_table(table, leave_out=["certified", *([] if wide else ["|e|₂ ≤", "why not further"])])
     for claim in () if wide else regions.claims:  # the last column stands below the table
         yield Text(f"\n{claim.method}", style="bold")
         yield Padding(Text(told.limit_words(claim)), (0, 0, 0, 2))
@@ -292,38 +313,3 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
     yield from (Text(f"\n{sentence}") for sentence in sentences)
     yield from output.settling_parts(settling, () if settling is None else stage_timings(certificate.problem, settling))
     yield from output.search_parts(searches)
-
-
-def _regions_table(regions: Regions, *, wide: bool) -> RenderableType:
-    from rich.text import Text
-
-    from dobc_design._show.text import lower
-    from dobc_design.report import region_words as told
-
-    sizes = ["|e|∞ ≤", "|e|₂ ≤"] if wide else ["|e|∞ ≤"]
-    table = output.make_table(["method", "verdict", *sizes, "rate 1/s", told.time_head(regions), "covers"])
-    if wide:
-        table.add_column("all at once" + ("" if regions.asked is None else ", ┊ asked for"), no_wrap=True)
-        table.add_column("why not further", overflow="fold")
-    for claim, bar in zip(regions.claims, _bars(regions), strict=True):
-        size = "local" if claim.kind == "near" else told.size_words(claim, claim.box)
-        more = [lower(claim.rate), told.time_words(claim), told.covers_words(claim, regions)]
-        cells = [size, *([told.size_words(claim, claim.ball)] if wide else []), *more]
-        last = [Text(bar, style="blue"), Text(told.limit_words(claim))] if wide else []
-        table.add_row(Text(claim.method), output.verdict_text(claim.verdict.value), *map(Text, cells), *last)
-    return table
-
-
-def _bars(regions: Regions) -> list[str]:
-    """|e|_inf of every method as a bar of text; the dotted line is what was asked for."""
-    asked = 0.0 if regions.asked is None else regions.asked.box
-    full = max([asked, *(claim.box or 0.0 for claim in regions.claims)]) or 1.0
-    bars = []
-    for claim in regions.claims:
-        part = 1.0 if claim.kind == "everywhere" else (claim.box or 0.0) / full
-        bar = "▏" if 0 < part * BAR < 1 else "█" * int(part * BAR)
-        if asked:
-            marked = min(BAR, round(asked / full * BAR))
-            bar = f"{bar:<{BAR}}"[:marked] + "┊" + f"{bar:<{BAR}}"[marked:]
-        bars.append(bar.rstrip())
-    return bars

@@ -49,9 +49,15 @@ def design(
     whole = pins is not None and pins.isascii() and pins.isdigit() and len(pins) < 10
     labels = [label.strip() for text in allowed or () for label in text.split(",") if label.strip()]
     with output.Progress(manner) as progress:
-        limits: dict[str, Any] = {"rate": rate, "max_gain": max_gain, "noise": noise, "allowed": labels or None}
+        limits: dict[str, Any] = {
+            "pins": int(pins or "") if whole else pins,
+            "rate": rate,
+            "max_gain": max_gain,
+            "noise": noise,
+            "allowed": labels or None,
+        }
         how: dict[str, Any] = {"digits": digits, "reduce": not keep_exosystem, "progress": progress}
-        found = designs.design(problem, pins=int(pins or "") if whole else pins, **limits, **how)
+        found = designs.design(problem, **limits, **how)
     written = None
     if found.verdict.value == "proved":
         text, folder = source_text(file), out.resolve().parent

@@ -7,7 +7,7 @@ import os
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dobc_design._show.progress import Bar
 from dobc_design._signals import answer_begins
 from dobc_design.errors import CertificateError, DobcError, SpecError
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from dobc_design.conditions.schedule.decide import Settling
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.problem.problem import Problem
+    from dobc_design.report import document as doc
 
 EXIT = {"proved": 0, "refuted": 1, "undecided": 3}
 MISTAKE, MACHINE, INTERRUPTED = 2, 4, 130
@@ -173,44 +175,39 @@ class Progress:
 
     def __init__(self, manner: Manner = Manner.NORMAL) -> None:
         self.manner = manner
-        self.moving: Any = None  # rich's, where standard error is a terminal
+        self.moving: Bar | None = None  # where standard error is a terminal
         self.said: object = ""
         self.began = time.monotonic()
 
     def __enter__(self) -> Callable[[Any], None]:
         if self.manner is Manner.NORMAL and sys.stderr is not None and sys.stderr.isatty():
-            from rich.console import Console
-
-            self.moving = self.begin(Console(stderr=True))
-            self.moving.start()
+            self.moving = Bar()
+            self.moving.moving.start()
         return self.stage
-
-    def begin(self, console: Console) -> Any:
-        """What moves on a terminal."""
-        return console.status("starting")
 
     def stage(self, name: Any) -> None:
         """Show a stage."""
         if self.moving is not None:
-            self.moving.update(name)
+            self.moving(name)
         elif self.manner is Manner.VERBOSE and name != self.said:
             self.said = name
             complain(f"{time.monotonic() - self.began:8.1f} s  {name}")
 
     def __exit__(self, *error: object) -> None:
         if self.moving is not None:
-            self.moving.stop()
+            self.moving.moving.stop()
 
 
 def remark_lines(problem: Problem) -> Iterator[Text]:
-    """What looks like a slip in the problem, said before any verdict."""
+    """What the problem means, and what looks like a slip in it, said before any verdict."""
     from rich.text import Text
 
-    from dobc_design.problem.meaning import remarks
+    from dobc_design.problem.words import meaning_lines
 
-    found = remarks(problem)
-    yield from (Text.assemble(("Look at this: ", "bold"), remark) for remark in found)
-    yield from [Text("")] * bool(found)
+    for line in meaning_lines(problem):
+        head, _, words = line.partition(": ")
+        yield Text.assemble((f"{head}: ", "bold"), words)
+    yield Text("")
 
 
 def verdict_line(name: str, verdict: str, reason: str) -> Text:
@@ -218,7 +215,7 @@ def verdict_line(name: str, verdict: str, reason: str) -> Text:
     from rich.text import Text
 
     head = Text(f"{name}: ", style="bold").append(verdict.upper(), style=COLOURS[verdict])
-    return head.append(f". {reason}", style="not bold")
+    return head.append(f". {reason[:1].upper()}{reason[1:]}", style="not bold")
 
 
 def verdict_text(verdict: str) -> Text:
@@ -234,31 +231,45 @@ def certify_it(path: str, notes: Sequence[str]) -> str:
     return f"{path}\ncertify it   {shlex.join(['dobc', 'certify', path])}{more}"
 
 
-def make_table(heads: Iterable[str] = (), rows: Iterable[Sequence[str]] = ()) -> Table:
-    """A table without a frame; the text of its cells is shown as it is."""
+def make_table(heads: Iterable[str] = ()) -> Table:
+    """A table without a frame."""
     from rich.table import Table
-    from rich.text import Text
 
     table = Table(show_edge=False, pad_edge=False, header_style="bold")
     for head in heads:
         table.add_column(head, overflow="fold")  # a cut number would be another number
-    for row in rows:
-        table.add_row(*map(Text, row))
     return table
+
+
+def document_table(table: doc.Table, leave_out: Collection[str] = ()) -> Table:
+    """A table of a report as Markdown has it, without these columns and those in which nothing stands."""
+    from rich.text import Text
+
+    from dobc_design.report.document import Mark
+    from dobc_design.report.region_words import NONE
+
+    kept = [
+        (k, column.head)
+        for k, column in enumerate(table.columns)
+        if "markdown" in column.only and column.head not in leave_out and any(row[k] != NONE for row in table.rows)
+    ]
+    shown = make_table(head for _, head in kept)
+    for row in table.rows:
+        cells = [row[k] for k, _ in kept]
+        shown.add_row(*(verdict_text(each.verdict) if isinstance(each, Mark) else Text(str(each)) for each in cells))
+    return shown
 
 
 def settling_parts(settling: Settling | None, timings: Sequence[StageTiming] = ()) -> Iterator[RenderableType]:
     """The stages as a table, with what they allow; nothing without a proved settling time."""
     from rich.text import Text
 
-    from dobc_design.report.region_words import NONE, settling_sentence, stages_table, timing_notes
+    from dobc_design.report.region_words import settling_sentence, stages_table, timing_notes
 
     if settling is None or settling.time is None:
         return
     yield Text(f"\n{settling_sentence(settling)}\n")
-    table = stages_table(settling, timings)
-    columns = [k for k in range(len(table.columns)) if any(row[k] != NONE for row in table.rows)]
-    yield make_table([table.columns[k].head for k in columns], [[str(row[k]) for k in columns] for row in table.rows])
+    yield document_table(stages_table(settling, timings))
     yield from (Text(f"\n{note}", style="dim") for note in timing_notes(timings))
 
 
@@ -278,9 +289,8 @@ def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:
                     yield Text(plain(words)) if place == 0 else Text(f"\n{plain(words)}", style="dim")
                 case List(items):
                     yield from (Text(plain(item)) for item in items)
-                case Table(columns=columns, rows=rows):
-                    yield Text("")
-                    yield make_table([column.head for column in columns], [list(map(str, row)) for row in rows])
+                case Table():
+                    yield from (Text(""), document_table(block))
 
 
 def folder_name(name: str) -> str:

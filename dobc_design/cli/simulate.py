@@ -120,7 +120,8 @@ def simulate(
     elif manner is not output.Manner.QUIET:
         notes = [f"  Note: {note}" for note in document["notes"]]
         text = str(found) if breaking else _words(result, document)
-        output.say("\n".join([text, *notes, *(f"wrote {path}" for path in document["files"])]))
+        files = [f"wrote {path}" for path in document["files"]] or [f"Add --out FOLDER for {', '.join(names)}."]
+        output.say("\n".join([text, *notes, *files]))
 
 
 def _failure(text: str) -> Failure:

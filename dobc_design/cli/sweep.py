@@ -16,8 +16,6 @@ from dobc_design.cli import output
 from dobc_design.errors import DobcError, SpecError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from dobc_design.sweeps.result import SweepResult
     from dobc_design.sweeps.running import State
 
@@ -120,19 +118,10 @@ def _words(result: SweepResult, files: Sequence[Path], *, resumed: int) -> str:
 class _Bar(output.Progress):
     """Progress on standard error: a bar on a terminal; with --verbose ten lines or so; else nothing."""
 
-    def begin(self, console: Console) -> Any:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-        bar = Progress(BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), console=console)
-        bar.add_task("starting", total=None)
-        return bar
-
     def stage(self, state: State) -> None:
         tenth = (state.done * 10) // state.total
         if self.moving is not None:
-            failed = f", {state.failed} failed" if state.failed else ""
-            words = f"{state.time_left}{failed}"
-            self.moving.update(self.moving.task_ids[0], total=state.total, completed=state.done, description=words)
+            self.moving(state)
         elif self.manner is output.Manner.VERBOSE and tenth != self.said:
             self.said = tenth
             output.complain(str(state))

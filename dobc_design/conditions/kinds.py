@@ -43,7 +43,6 @@ class Kind(Shown):
     title: str
     statement: str
     plain: str
-    meaning: str
     proved: str
     refuted: str
     source: str = "Beyond the paper; theory, section 5."
@@ -51,6 +50,11 @@ class Kind(Shown):
     def _card(self) -> Card:
         facts = [("proved", self.proved), ("refuted", self.refuted), ("source", self.source)]
         return Card(title=self.title, text=f"{self.plain}. {self.meaning}", facts=facts)
+
+    @property
+    def meaning(self) -> str:
+        """What it decides, in one sentence."""
+        return f"It decides {self.decides}."
 
     @property
     def decided_in(self) -> tuple[str, ...]:
@@ -88,7 +92,6 @@ _ROWS: Final = (
         title="Observability of the exosystem",
         statement=r"\operatorname{rank}\,[C;\ CA;\ \dots;\ CA^{q-1}] = q",
         plain="rank [C; CA; ...; CA^(q-1)] = q",
-        meaning="Every state of the disturbance's generator leaves a trace in d = C xi.",
         proved="The estimation error can be made to decay as fast as wanted by the choice of W.",
         refuted="A part of the exosystem never reaches the agents. Harmless if it decays; see detectability.",
         source="Paper, (12) and (17).",
@@ -100,7 +103,6 @@ _ROWS: Final = (
         title="Detectability of the exosystem",
         statement=r"A \text{ is Hurwitz on } \bigcap_k \ker CA^k",
         plain="A is Hurwitz on the states that C never sees",
-        meaning="What C does not see dies out by itself. Exactly then some W makes A - WC Hurwitz.",
         proved="A gain W exists.",
         refuted="No W exists for this model. The disturbance itself does not contain the hidden part: leave it out.",
         source="Theory, Decision theorem: one of the two causes of infeasibility.",
@@ -112,7 +114,6 @@ _ROWS: Final = (
         title="A - WC is Hurwitz",
         statement=r"\max \operatorname{Re}\,\sigma(A - WC) < 0",
         plain="max Re of the eigenvalues of A - WC < 0",
-        meaning="The estimation error eps' = (A - WC) eps decays (Routh's test over the rationals).",
         proved="The estimate of the disturbance converges, at least like exp(-rate t).",
         refuted="With this W the estimation error does not decay.",
         source="Paper, (13) and (17).",
@@ -127,7 +128,6 @@ _ROWS: Final = (
         title="Every agent hears a pinned agent",
         statement=r"\text{each agent is reached from } \{i : k_i \ne 0\}",
         plain="each agent is reached from an agent with k != 0",
-        meaning="Information flows from the pinned agents to everybody, perhaps through others.",
         proved="The graph does not stand in the way.",
         refuted="The agents named listen to nobody who hears a pin; moved away together, they stay away in this mode.",
         source="Theory, section 2.",
@@ -138,8 +138,7 @@ _ROWS: Final = (
         decides="whether V = Σ eᵢ′eᵢ decreases when there is no disturbance (10)",
         title="Lemma 1: pinning without disturbance",
         statement=r"\Lambda(J) = J + J^T - (K + K^T) < 0",
-        plain="Lambda(J) = J + J' - (K + K') < 0",
-        meaning="V = e'e decreases. The paper's F of (10) is half of Lambda.",
+        plain="Lambda(J) = J + J' - (K + K') < 0, twice the F of (10)",
         proved="Without disturbance the agents reach the target from close by (linear couplings: from everywhere); V'"
         " <= -2 rate V.",
         refuted="V = e'e grows in some direction. This alone does not mean that consensus fails.",
@@ -153,8 +152,8 @@ _ROWS: Final = (
         title="Theorem 1: pinning and disturbance observer, fixed topology",
         statement=r"\Psi = \begin{pmatrix} \Lambda & I \otimes C \\ (I \otimes C)^T & I \otimes \Omega_0 \end{pmatrix}"
         r" < 0,\quad \Omega_0 = PA + A^TP - C^TQ^T - QC,\quad P > 0",
-        plain="Psi = [[Lambda, I (x) C], [(I (x) C)', I (x) Omega0]] < 0 and P > 0, with Omega0 = PA + A'P - C'Q' - QC",
-        meaning="V = e'e + sum eps_i' P eps_i decreases, with W = P^-1 Q.",
+        plain="Psi = [[Lambda, I (x) C], [(I (x) C)', I (x) Omega0]] < 0 and P > 0, with Omega0 = PA + A'P - C'Q' - QC"
+        " and Q = PW",
         proved="Consensus despite the disturbance, from close by (linear couplings: from everywhere).",
         refuted="No P and Q satisfy it: either Lambda is not negative definite, or no gain (or not this W) makes the"
         " estimation error decay.",
@@ -167,7 +166,6 @@ _ROWS: Final = (
         title="Theorem 2: switching topology",
         statement=r"\Psi_\sigma < 0 \text{ for every mode } \sigma, \text{ with one } P \text{ and one } Q",
         plain="Psi < 0 in every mode, with one P and one Q",
-        meaning="One V decreases in every mode, so the modes may switch in any way.",
         proved="Consensus under arbitrary switching, from close by (linear couplings: from everywhere).",
         refuted="No common P and Q exist. Consensus may still hold for slow or special switching.",
         source="Paper, Theorem 2, (28).",
@@ -179,7 +177,6 @@ _ROWS: Final = (
         title="Theorem 1 with the P given",
         statement=r"\Psi < 0 \text{ with } P \text{ as given and } Q = PW",
         plain="Psi < 0 with P as given and Q = PW",
-        meaning="Tests the pair that was printed or typed, as it is.",
         proved="That very pair works.",
         refuted="That pair fails. A scaled P may work: Psi < 0 iff lambda_max(Lambda) < -lambda_max(S), and S shrinks"
         " when P grows.",
@@ -192,7 +189,6 @@ _ROWS: Final = (
         title="Theorem 2 with the P given",
         statement=r"\Psi_\sigma < 0 \text{ for every mode } \sigma \text{ with } P \text{ as given and } Q = PW",
         plain="Psi < 0 in every mode with P as given and Q = PW",
-        meaning="Tests the pair that was printed or typed, as it is, in every mode.",
         proved="That very pair works for arbitrary switching.",
         refuted="That pair fails in some mode. A scaled P may work.",
         source="Paper, Example 2.",
@@ -208,11 +204,9 @@ _ROWS: Final = (
         r" \rho],\ i,\ \sigma",
         plain="on the face e_i = s v_i of the box |e_j| <= s v_j: e_i' <= -alpha s v_i, for all s in (0, rho], every"
         " agent and mode, and the same on the opposite face",
-        meaning="One v > 0, a rate alpha and a radius rho such that the field points inwards on every face of every"
-        " smaller box. Then N = max |e_i|/v_i decays while N <= rho, and with the observer V = N + kappa E, E = max"
-        " sqrt(eps_i' P eps_i), kappa > 1/(beta min v).",
         proved="Every start with |e| <= R and |eps_i| <= s reaches the target under arbitrary switching, R and s as"
-        " the domain says; V decays at the rate, and no such start leaves {V <= rho}.",
+        " the domain says; V = max |e_i|/v_i + kappa max sqrt(eps_i' P eps_i) decays at the rate, and no such start"
+        " leaves {V <= rho}.",
         refuted="No v does it: each of the agents named has a mode in which it is not pinned and hears nobody outside"
         " their group. Consensus may still hold for signals that leave those modes.",
         source="Beyond the paper; theory, section 5. The paper claims as much from a condition at one point.",
@@ -220,30 +214,24 @@ _ROWS: Final = (
     _timing(
         id="delay",
         name="Delays",
-        decides="whether the proof survives delayed messages",
+        decides="whether the proof survives delayed messages, each link with a delay of its own that may vary",
         title="Delays that the max-separable certificate allows",
         statement=r"\text{the rows with } v_j \to \theta v_j,\ \theta \ge e^{\lambda T},\ \alpha = \lambda",
         plain="the rows of max-separable hold with theta v_j for those who are heard, theta >= exp(lambda T), and rate"
         " lambda",
-        meaning="Agent i uses x_j(t - tau), its own state as it is now; every arc has a delay of its own, which may"
-        " vary and is at most T (Razumikhin, Halanay).",
-        proved="For all such delays N decays at the rate lambda, with an observer at every smaller rate. Any bounded"
-        " delay leaves some positive rate.",
+        proved="For all such delays max |e_i|/v_i decays at the rate lambda, with an observer at every smaller"
+        " rate. Any bounded delay leaves some positive rate.",
         refuted="Never: a delay for which these rows fail may do no harm.",
     ),
     _timing(
         id="sampling",
         name="Sampling",
-        decides="whether the proof survives couplings that are held between samples",
+        decides="whether the proof survives couplings and pinning that are held between samples; d̂ acts continuously",
         title="Sampling period that the max-separable certificate allows",
         statement=r"T\,\bigl(\textstyle\sum_j w_{ij} L_{ij} + k_i\bigr) \le 1 \quad \text{for every agent}",
         plain="T (sum_j w L_ij + k_i) <= 1 for every agent, L_ij a bound of the mean slope of h in the box",
-        meaning="Couplings and pinning are computed from samples and held for T. No step is then so long that it"
-        " overshoots a face of the box. The estimate dhat of the disturbance is subtracted all the time: what a held"
-        " one leaves does not die out. The weights v are those of max-separable, or flatter ones, proved for the same"
-        " starts, where these allow far longer periods.",
-        proved="From one sample to the next N falls at least by the factor f < 1, 1 - T alpha <= f, up to what the"
-        " observer error adds.",
+        proved="From one sample to the next max |e_i|/v_i falls at least by the factor f < 1, 1 - T alpha <= f, up to"
+        " what the observer error adds.",
         refuted="Never: longer periods may work too.",
     ),
     Kind(
@@ -251,14 +239,11 @@ _ROWS: Final = (
         topic="quadratic",
         role="region",
         name="Lur’e certificate",
-        decides="whether a quadratic V decreases for all slopes the coupling has in a region",
+        decides="whether a quadratic V decreases for all slopes the coupling has in a region (circle criterion)",
         title="Quadratic certificate for a region: Theorems 1 and 2 with bounded gains",
         statement=r"P_e A_0 + A_0^T P_e + 2\beta P_e + P_e\bigl(I \otimes S + \tfrac12 B T^{-1} B^T\bigr) P_e + 2\,"
         r" C_E^T T D^2 C_E < 0",
         plain="P_e A0 + A0' P_e + 2 beta P_e + P_e (I (x) S + B T^-1 B'/2) P_e + 2 C_E' T D^2 C_E < 0",
-        meaning="Each arc has a gain h(y)/y between two bounds as long as |y| stays within a radius. V = e' P_e e +"
-        " sum eps_i' P eps_i decreases for all such gains (circle criterion, multipliers T), and its level set keeps"
-        " |y| within the radius.",
         proved=_BALL,
         refuted="Not used: that one certificate fails says nothing about the others.",
         source=_REGION,
@@ -273,8 +258,6 @@ _ROWS: Final = (
         title="Boxes around a quadratic certificate, for small networks",
         statement=r"\dot V < 0 \text{ on } \{c_0 \le e^T P_e e \le c_1\}, \text{ box by box}",
         plain="V' < 0 wherever c0 <= e' P_e e <= c1, box by box",
-        meaning="A quadratic certificate proves {V <= c0}. Farther out the set {V <= c1} is cut into boxes, and on"
-        " each of them V' is bounded from above with enclosures of the couplings, whatever their shape.",
         proved=_BALL,
         refuted="Not used: that one V fails says nothing about the others.",
         source=_REGION,
@@ -288,8 +271,6 @@ _ROWS: Final = (
         title="A second equilibrium inside the region",
         statement=r"h(e) - (K \otimes I)\, e = 0,\quad e \ne 0",
         plain="h(e) - (K (x) I) e = 0 for some e other than 0",
-        meaning="Where couplings saturate or turn, agents can balance away from the target. A box is shown in which"
-        " exactly one such point lies (Krawczyk's interval test).",
         proved="Never: that none is found does not mean that there is none.",
         refuted="Consensus fails in the region asked for: agents that start there, with exact estimates, stay there.",
         source="Theory, section 5; the contract's cause (d).",
@@ -304,8 +285,6 @@ _ROWS: Final = (
         title="A settling time, by stages",
         statement=r"\{V_k \le c_k\} \subset \{V_{k+1} \le \rho_{k+1}\},\quad T = \sum_k \ln(\rho_k / c_k) / r_k",
         plain="{V_k <= c_k} inside {V_k+1 <= rho_k+1}, and T = sum of ln(rho_k/c_k)/r_k",
-        meaning="One rate for the whole region is slow. Certificates for smaller and smaller regions take over from"
-        " one another, and their times add up to a time after which |e|_inf stays below a tolerance.",
         proved="Every stage, every hand-over and every time is shown exactly, with the estimation error followed on"
         " its own: from every start in the box the error is below the tolerance from that time on.",
         refuted="Never: a chain that is not found says nothing against a shorter time.",

@@ -18,6 +18,8 @@ import numpy as np
 
 from dobc_design.errors import SpecError, wrong
 
+Number = int | float | str | Decimal | Fraction  # as a caller gives one; a float means its shortest decimal text
+
 if TYPE_CHECKING:
     from flint import fmpq, fmpq_mat
 

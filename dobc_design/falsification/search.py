@@ -12,11 +12,11 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
-from os import PathLike
 from typing import Any
 
 import numpy as np
 
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
@@ -28,7 +28,7 @@ from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Certified, 
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.model.model import Flow, build_flow, build_model
 from dobc_design.problem.arrays import Array, Gain, chosen_gain, no_gain, pinning_matrix, unreached
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
 from dobc_design.simulation.integrate import fastest_decay
@@ -56,8 +56,9 @@ FIRST_STEP, LEAST_STEP = 0.2, 1e-3  # relative to the reach of the set
 GROWTH, SHRINKAGE = 1.5, 0.4
 
 
+@shows_progress
 def falsify(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
     runs: int = RUNS,
     seed: int | None = None,
@@ -65,7 +66,7 @@ def falsify(
     disturbance: float | None = None,
     certified: Certificate | Certified | None = None,
     t_final: float | None = None,
-    progress: Progress | None = None,
+    progress: Reports[str] = None,
 ) -> Falsification:
     """Search for starts that do not converge, or that leave a certified set; and prove second equilibria.
 
@@ -73,12 +74,12 @@ def falsify(
     ``certified`` the boundary of a certified set: that of a certificate, of one of its checks, or of a claim of
     theorems.separable, theorems.lure or theorems.shell.  ``disturbance`` bounds |eps_i|.  ``runs`` starts are
     simulated: corners, edges, random ones, and the worst of them after gradient ascent through CasADi.  ``t_final``
-    in s; ``progress`` is called with the name of each stage.  The same ``seed`` gives the same search.  A missing W is
+    in s; ``progress``: as in ``certify``.  The same ``seed`` gives the same search.  A missing W is
     designed first, as ``certify`` does.
     Returns: a Falsification with suspects, which prove nothing, and equilibria, each proved in a box by interval
     arithmetic.  Raises: SpecError for a wrong argument.
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     gain = observer_gain(problem)
     if isinstance(certified, Certificate):
         gain, certified = certified.claims.W, sets.regional_check(certified)
@@ -99,7 +100,7 @@ def search_starts(
     certified: Certified | None = None,
     t_final: float | None = None,
     gain: Gain | None = None,
-    progress: Progress | None = None,
+    progress: Reports[str] = None,
 ) -> Falsification:
     """The same with ``gain`` (q, m) in place of observer.W; modes are constant or switch at random."""
     whole(runs, "runs", least=1)
@@ -109,7 +110,7 @@ def search_starts(
         raise wrong("certified", message, "Leave one of them out.")
     radius = None if radius is None else positive(radius, "radius", example="2")
     horizon = sets.settling_horizon(problem) if t_final is None else seconds(t_final, "t_final", example="20")
-    say = progress or (lambda stage: None)
+    say = report_to(progress)
     with np.errstate(all="ignore"):
         arena = sets.make_arena(problem, gain)
         level = None if certified is None else sets.level_of(problem, certified, chosen_gain(problem, gain))

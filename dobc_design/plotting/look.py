@@ -115,6 +115,11 @@ class Sheet:
         return self.file("png")
 
 
+def sheet_or_axes(draw: Callable[[Axes], Axes], ax: Axes | None, *, width: float, height: float) -> Sheet | Axes:
+    """What ``draw`` puts into ``ax``, which is returned; without it a sheet of its own, sizes in inches."""
+    return Sheet(lambda figure: draw(figure.subplots()), width=width, height=height) if ax is None else draw(ax)
+
+
 def write_new(place: Path, data: bytes, *, force: bool) -> Path:
     """Write a file that must not be there yet, unless ``force``.  Raises: SpecError."""
     if place.exists() and not force:

@@ -64,18 +64,31 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
 
 
 def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
-    """Quantile bands of |e|_inf and of |d - dhat|_inf over all runs; a run that diverged counts as infinite.
+    """States of the first runs; quantile bands of |e|_inf and of |d - dhat|_inf, a run that diverged being infinite.
     ``envelope``: points (t, bound), (k, 2), or the bound as a function of times, drawn into |e|_inf."""
     has_estimate = bool(np.nan_to_num(runs.estimation_error).any())
+    components = min(runs.states.shape[3], MOST_COMPONENTS) if len(runs.states) else 0
+    count = components + 1 + has_estimate
 
     def draw(figure: Figure) -> None:
-        rows = np.atleast_1d(figure.subplots(1 + has_estimate, 1, sharex=True))
-        plot_bands(rows[0], runs, envelope)
+        rows = np.atleast_1d(figure.subplots(count, 1, sharex=True))
+        for c in range(components):
+            plot_states(rows[c], runs, component=c)
+        plot_bands(rows[components], runs, envelope)
         if has_estimate:
-            plot_quantiles(rows[1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s")
+            rows[components].set_xlabel("")
+            plot_quantiles(rows[-1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s")
         in_time(rows[-1], runs.times)
 
-    return Sheet(draw, width=WIDTH, height=0.7 + 2.3 * (1 + has_estimate))
+    return Sheet(draw, width=WIDTH, height=0.7 + 2.2 * count)
+
+
+def plot_states(ax: Axes, runs: Runs, *, component: int) -> Axes:
+    """One component of the states of at most 30 agents in the first runs, one colour for each run."""
+    rows, chosen = look.thinned_rows(len(runs.times)), look.shown_agents(runs.states.shape[2], set())
+    for x, seed, colour in zip(runs.states, runs.seeds, SERIES, strict=False):
+        ax.plot(runs.times[rows], x[rows][:, chosen, component], color=colour, linewidth=0.7, label=f"seed {seed}")
+    return look.legend_above(_goals(ax, runs, chosen, component), right=True, widest=7)
 
 
 def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
@@ -110,14 +123,20 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
             line.set(color=MUTED, label="not pinned")
         else:
             line.set(color=shade, label=f"agent {look.short(run.labels[agent])}")
-    for goal in sorted({float(run.goal[agent, component]) for agent in chosen})[:12]:
-        ax.axhline(goal, color=VERMILLION, linewidth=1.1, linestyle=DASHED, label="goal", zorder=1.5)
-    ax.set_ylabel(f"{state_symbol(component, run.x.shape[2])}\nin its own unit")
+    _goals(ax, run, chosen, component)
     if component == 0 and (few or held):
         look.legend_above(ax, right=True, widest=7)
     elif component == 0:
         dark, light = (look.short(run.labels[agent]) for agent in (chosen[0], chosen[-1]))
         ax.set_title(f"agents {dark} (dark) to {light} (light); goals dashed", loc="right", parse_math=False)
+    return ax
+
+
+def _goals(ax: Axes, run: Run | Runs, chosen: Sequence[int], component: int) -> Axes:
+    """The axes of a state component, with the goals of these agents."""
+    for goal in sorted({float(run.goal[agent, component]) for agent in chosen})[:12]:
+        ax.axhline(goal, color=VERMILLION, linewidth=1.1, linestyle=DASHED, label="goal", zorder=1.5)
+    ax.set_ylabel(f"{state_symbol(component, run.goal.shape[1])}\nin its own unit")
     return ax
 
 

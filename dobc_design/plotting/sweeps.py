@@ -45,16 +45,25 @@ class Places:
     even_ratios: bool = False
 
 
-def heat_map(x: Places, y: Places, value: Array, outcome: Sequence[str], *, label: str, title: str, note: str) -> Sheet:
+def heat_map(
+    x: Places,
+    y: Places,
+    value: Array,
+    outcome: Sequence[str],
+    *,
+    label: str,
+    title: str,
+    note: str,
+    ax: Axes | None = None,
+) -> Sheet | Axes:
     """The median of ``value`` at each place of a grid, and the worst outcome there as a sign."""
     grid, signs = _on_grid(x, y, value, outcome)
 
-    def draw(figure: Figure) -> None:
-        ax = figure.add_subplot()
+    def draw(ax: Axes) -> Axes:
         ax.grid(visible=False)
         shown = np.ma.masked_invalid(grid)
         mesh = ax.pcolormesh(_edges(x), _edges(y), shown, cmap="cividis", shading="flat", linewidth=0, rasterized=False)
-        bar = figure.colorbar(mesh, ax=ax, pad=0.02)
+        bar = ax.figure.colorbar(mesh, ax=ax, pad=0.02)
         bar.outline.set_linewidth(0.5)
         bar.set_label(label)
         _name_axis(ax, x, along="x")
@@ -69,9 +78,9 @@ def heat_map(x: Places, y: Places, value: Array, outcome: Sequence[str], *, labe
         told = ", ".join(f"{sign} {name}" for name, (sign, _, _) in MARKS.items() if sign and name in present)
         white = {signs[row][column] for row, column in np.argwhere(~np.isfinite(grid)).tolist()}
         empty = "white: none" if white & {"proved", "undecided", "converged"} else ""
-        _title(figure, title, "; ".join(filter(None, [note, told, empty])))
+        return _title(ax, title, "; ".join(filter(None, [note, told, empty])))
 
-    return Sheet(draw, width=6.2, height=4.4)
+    return look.sheet_or_axes(draw, ax, width=6.2, height=4.4)
 
 
 def lines(
@@ -84,12 +93,12 @@ def lines(
     title: str,
     note: str,
     drawn: bool,
-) -> Sheet:
+    ax: Axes | None = None,
+) -> Sheet | Axes:
     """``value`` over ``x``: a line through the medians of each series; where x was ``drawn`` one point per case."""
     names = list(dict.fromkeys(series))[:MOST_SERIES]
 
-    def draw(figure: Figure) -> None:
-        ax = figure.add_subplot()
+    def draw(ax: Axes) -> Axes:
         if x.even_ratios:
             ax.set_xscale("log")
         if drawn:
@@ -100,9 +109,9 @@ def lines(
         ax.set_ylabel(label)
         if drawn or len(names) > 1:
             ax.legend(loc="best", handlelength=1.6)
-        _title(figure, title, note)
+        return _title(ax, title, note)
 
-    return Sheet(draw, width=6.2, height=3.8)
+    return look.sheet_or_axes(draw, ax, width=6.2, height=3.8)
 
 
 def _line(ax: Axes, x: Places, value: Array, own: NDArray[np.bool_], *, name: str, place: int) -> None:
@@ -169,8 +178,9 @@ def _name_axis(ax: Axes, axis: Places, *, along: str) -> None:
         own.set_major_locator(MaxNLocator(integer=True))
 
 
-def _title(figure: Figure, title: str, note: str) -> None:
-    figure.suptitle(f"{title}\n{note}" if note else title, fontsize=9.5, x=0.01, ha="left", parse_math=False)
+def _title(ax: Axes, title: str, note: str = "") -> Axes:
+    ax.set_title(f"{title}\n{note}" if note else title, loc="left", parse_math=False)
+    return ax
 
 
 COLUMNS = 3  # of panels
@@ -216,6 +226,18 @@ def breaking_sheet(
     return Sheet(draw, width=7.4, height=0.5 + 2.1 * rows)
 
 
+def plot_breaking(ax: Axes, sweeps: Sequence[Any], *, tolerance: float, name: str) -> Axes:
+    """All stresses in one picture: the late error over the severity in natural units, 0 to about 1."""
+    for place, each in enumerate(sweeps):
+        late = np.where(np.isfinite(each.late), each.late, np.nan)
+        colour, marker = SERIES[place % len(SERIES)], look.MARKERS[place % len(look.MARKERS)]
+        ax.plot(each.relative, late, color=colour, marker=marker, label=TITLES.get(each.option, each.option))
+    ax.axhline(tolerance, color=VERMILLION, linewidth=1.0, linestyle=DASHED, label="breaks above")
+    ax.set(yscale="log", xlabel="severity in natural units", ylabel="late error / start")
+    ax.legend(loc="best", handlelength=1.4)
+    return _title(ax, f"{short(name, 60)}: what breaks first")
+
+
 def _panel(ax: Axes, sweep: Any, *, tolerance: float, bottom: float, top: float) -> None:
     late = np.where(np.isfinite(sweep.late), sweep.late, top)
     good = late <= tolerance
@@ -258,7 +280,7 @@ def _periods(ax: Axes, period: float | None, certified: float | None) -> None:
 STEEP = 30  # times the least y from which the axis is logarithmic
 
 
-def trade_off_sheet(
+def trade_off_plot(
     points: Sequence[tuple[float, float]],
     *,
     x_name: str,
@@ -266,11 +288,11 @@ def trade_off_sheet(
     chosen: tuple[float, float] | None,
     name: str,
     steps: bool,
-) -> Sheet:
+    ax: Axes | None = None,
+) -> Sheet | Axes:
     """The points in order of x; ``steps``: x counts, so that nothing lies between two points."""
 
-    def draw(figure: Figure) -> None:
-        ax = figure.subplots()
+    def draw(ax: Axes) -> Axes:
         xs, ys = [x for x, _ in points], [y for _, y in points]
         if steps:
             ax.vlines(xs, 0, ys, color=MUTED, linewidth=0.8)
@@ -290,6 +312,6 @@ def trade_off_sheet(
         else:
             ax.set_ylim(bottom=0)
         ax.set(xlabel=x_name, ylabel=y_name)
-        ax.set_title(short(name, 60), parse_math=False)
+        return _title(ax, short(name, 60))
 
-    return Sheet(draw, width=5.2, height=3.4)
+    return look.sheet_or_axes(draw, ax, width=5.2, height=3.4)

@@ -506,15 +506,20 @@ def builtin_summary(name: str) -> str:
     return " ".join(line.lstrip("# ").strip() for line in lines).split(". ", 1)[0].rstrip(".") + "."
 
 
-def load_problem(source: str | PathLike[str]) -> Problem:
+Source = Problem | str | PathLike[str]
+
+
+def load_problem(source: Source) -> Problem:
     """Read a problem file (TOML, or a canonical problem.json), or a built-in problem by its name.
 
-    A file of that name in the current folder wins over a built-in problem.
+    A file of that name in the current folder wins over a built-in problem; a Problem is returned as it is.
     Returns: a Problem.  Raises: SpecError that names every wrong key and its cure.
     Example:
         >>> dd.load_problem("paper-fixed").n
         10
     """
+    if isinstance(source, Problem):
+        return source
     path = Path(source)
     if isinstance(source, str) and not os.path.isfile(source):  # unlike Path, it takes any text
         if source in builtin_names():

@@ -278,9 +278,10 @@ class Problem(Shown):
         for group in self.groups[:MOST_ITEMS]:
             of = f" of group {group.name}" if self.is_grouped else ""
             facts += [(f"{name}{of}", value) for name, value in group._card().facts]
-        from dobc_design.problem.meaning import disturbance_words, remarks  # they are about problems
+        from dobc_design.problem.meaning import disturbance_words, remarks, time_words  # they are about problems
 
-        facts += [("disturbance", disturbance_words(group.exosystem)) for group in self.groups[:MOST_ITEMS]]
+        facts += [("disturbance", disturbance_words(self, group)) for group in self.groups[:MOST_ITEMS]]
+        facts += [("time scales", times)] if (times := time_words(self)) else []
         facts += [("look at this", remark) for remark in remarks(self)]
         named_facts = (("region", self.region), ("switching", self.switching), ("notes", "  ".join(self.notes)))
         facts += [(name, value) for name, value in named_facts if value]

@@ -11,7 +11,7 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
 from dobc_design.problem.arrays import unreached
 from dobc_design.problem.groups import Group
-from dobc_design.problem.meaning import disturbance_words, remarks
+from dobc_design.problem.meaning import disturbance_words, remarks, time_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
@@ -41,7 +41,7 @@ def describe(problem: Problem) -> str:
     lines.append(f"Pinned: {_some(pins)}." if pins else "Pinned: nobody.")
     if problem.offsets:
         lines.append(f"Formation offsets: {_some([f'{labels[i]}: {_vector(o)}' for i, o in problem.offsets.items()])}.")
-    lines += [line for group in problem.groups for line in _disturbance(problem, group)]
+    lines += [_observer(problem, group) for group in problem.groups]
     if problem.region is not None:
         pairs = ", ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states)
         error = problem.region.initial_disturbance
@@ -54,16 +54,26 @@ def describe(problem: Problem) -> str:
         where = f"all agents at {_vector(rows[0])}" if len(rows) == 1 else "every agent at its own"
         lines.append(f"Simulations start at x0, {where}.")
     lines += [f"Note: {note}" for note in problem.notes]
-    lines += [f"Look at this: {remark}" for remark in remarks(problem)]
-    return "\n".join(lines)
+    return "\n".join([*lines, *meaning_lines(problem)])
 
 
-def _disturbance(problem: Problem, group: Group) -> list[str]:
-    """What acts on whom, and what is given of the observer."""
+def meaning_lines(problem: Problem) -> list[str]:
+    """The disturbance and the time scales, and what looks like a slip."""
+    lines = [
+        f"Disturbance{_of(problem, each)}: {disturbance_words(problem, each)}." for each in problem.groups[:LISTED]
+    ]
+    lines += [f"Time scales near the target: {times}."] if (times := time_words(problem)) else []
+    return lines + [f"Look at this: {remark}" for remark in remarks(problem)]
+
+
+def _observer(problem: Problem, group: Group) -> str:
     given = "given" if group.observer.W is not None else "to be designed"
     P = " P: given, will be tested." if group.observer.P else ""
-    of = f" of {_some(group.agents)}" if problem.is_grouped else ""
-    return [f"Disturbance{of}: {disturbance_words(group.exosystem)}.", f"Observer gain W{of}: {given}.{P}"]
+    return f"Observer gain W{_of(problem, group)}: {given}.{P}"
+
+
+def _of(problem: Problem, group: Group) -> str:
+    return f" of {_some(group.agents)}" if problem.is_grouped else ""
 
 
 def facts(problem: Problem) -> dict[str, Any]:

@@ -145,10 +145,10 @@ def timing_sentences(regions: Regions) -> list[str]:
 
 def _delay(check: Check) -> str:
     late = _exact(check, "delay")
-    text = "Information may be late by any bounded time: from every start in the max-separable box the agents still"
+    text = "Stable for every bounded communication delay: from every start in the max-separable box the agents still"
     text += " reach the target."
     if late and check.rate:
-        text += f" Late by up to {lower(late)} s, the error still decays at every rate below {lower(check.rate)} 1/s."
+        text += f" For delays up to {lower(late)} s the error decays at every rate below {lower(check.rate)} 1/s."
     return text
 
 

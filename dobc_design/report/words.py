@@ -14,7 +14,7 @@ from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
-from dobc_design.problem.meaning import disturbance_words
+from dobc_design.problem.meaning import disturbance_words, time_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region
@@ -209,7 +209,7 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
     facts = [
         (f"Disturbance of {names_in_words(group.agents, 4)}" if problem.is_grouped else "Disturbance", told)
         for group in problem.groups[:MOST_MODES]
-        for told in [disturbance_words(group.exosystem)]
+        for told in [disturbance_words(problem, group)]
     ]
     facts += [("Coupling", f"h(y) = {', '.join(problem.coupling.texts)}"), ("Target", vector_text(problem.target))]
     if problem.region is not None:
@@ -218,6 +218,7 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
         rows = ["; ".join(decimal(x) for x in row) for row in W]
         facts.append(("Observer gain W", f"({', '.join(rows)})′, {certificate.claims.gain_source or 'given'}"))
     facts.append(("Gains of the pins", _pins(problem)))
+    facts += [("Time scales", times)] if (times := time_words(problem)) else []
     return facts
 
 

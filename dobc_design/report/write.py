@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.consensus.claim import state_theorems
@@ -20,13 +21,13 @@ from dobc_design.problem.problem import Problem
 if TYPE_CHECKING:
     from dobc_design.falsification.suspect import Falsification
 
-Progress = Callable[[str], None]
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
 DRAWN_ORDER = 100  # of the exosystem, likewise
 PAGE, PDF = "report.html", "report.pdf"
 SHOWN = 12  # rows up to which Lambda is printed
 
 
+@shows_progress
 def write_report(
     certificate: Certificate,
     folder: str | PathLike[str],
@@ -34,13 +35,13 @@ def write_report(
     searches: Sequence[Falsification] = (),
     pdf: bool = False,
     latex: bool = False,
-    progress: Progress | None = None,
+    progress: Reports[str] = None,
 ) -> Path:
     """Write report.html and report.md into ``folder`` and return the path of the page; see ``render_report``.
 
     ``searches``: what ``search_certificate`` found.  ``pdf``: report.pdf too, which needs the extra `pdf`.
     ``latex``: the folder latex too, with fragments for a paper and a BibTeX file.
-    ``progress`` is called with the name of each stage.
+    ``progress``: as in ``certify``.
     Raises: CertificateError when the machine refuses, SpecError without the extra.
     """
     files = render_report(certificate, searches=searches, pdf=pdf, progress=progress)
@@ -58,7 +59,7 @@ def render_report(
     searches: Sequence[Falsification] = (),
     pdf: bool = False,
     full: bool = False,
-    progress: Progress | None = None,
+    progress: Reports[str] = None,
 ) -> dict[str, bytes]:
     """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  ``full``: details are open on
     the page and printed in the PDF.  Diagnostics, one simulation and
@@ -70,7 +71,7 @@ def render_report(
 
     if pdf:
         require_typst()  # said before anything is computed
-    say = progress or (lambda stage: None)
+    say = report_to(progress)
     problem, gain = certificate.problem, certificate.claims.W
     analysis, trajectory = None, None
     if problem.n * problem.m <= DRAWN and problem.q <= DRAWN_ORDER:

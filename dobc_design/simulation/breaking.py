@@ -8,29 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dobc_design._show.cards import Card, Shown
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError, wrong
 from dobc_design.problem.arrays import Array, arc_groups
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive
 from dobc_design.simulation.field import Loop
-from dobc_design.simulation.integrate import Progress, fastest_decay, observer_decay
+from dobc_design.simulation.integrate import fastest_decay, observer_decay
 from dobc_design.simulation.runs import run_once
 from dobc_design.simulation.setting import Failure, Given, Stress, make_setting
 from dobc_design.simulation.signals import Signal, signal_of
 from dobc_design.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from dobc_design.plotting.look import Sheet
+    pass
 
 Late = Callable[[Stress], float]
 UNITS = {
@@ -98,10 +98,12 @@ class Breaking(Shown):
         broken = [(each.relative_break, each.option) for each in self.sweeps if each.relative_break is not None]
         return tuple(option for _, option in sorted(broken))
 
-    def plot(self) -> Sheet:
-        """One panel per option, in one figure."""
-        from dobc_design.plotting.sweeps import breaking_sheet
+    def plot(self, ax: Any = None) -> Any:
+        """One panel per option in a Sheet; with Matplotlib's ``ax`` all options in these axes, by relative severity."""
+        from dobc_design.plotting.sweeps import breaking_sheet, plot_breaking
 
+        if ax is not None:
+            return plot_breaking(ax, self.sweeps, tolerance=self.tolerance, name=self.name)
         limit = self.period or PeriodLimit(converges=None, fails=None)
         borders = {"period": limit.converges, "certified": limit.certified}
         return breaking_sheet(self.sweeps, tolerance=self.tolerance, name=self.name, **borders)
@@ -142,8 +144,9 @@ class Breaking(Shown):
         return {"tolerance": self.tolerance, "order": list(self.order), "sweeps": sweeps, "period": period}
 
 
+@shows_progress
 def what_breaks_first(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
     options: Sequence[str] | None = None,
     signal: Signal | None = None,
@@ -152,7 +155,7 @@ def what_breaks_first(
     seed: int | None = None,
     tolerance: float = TOLERANCE,
     certificate: Certificate | None = None,
-    progress: Progress | None = None,
+    progress: Reports[float] = None,
 ) -> Breaking:
     """Make noise, disturbance, saturation, sampling, packet loss and failures worse, each until the loop breaks.
 
@@ -166,13 +169,13 @@ def what_breaks_first(
     Returns: a Breaking, the data of one figure.  Raises: SpecError for an unknown option, or if the loop does not
     converge without any stress.
     """
-    options, report = OPTIONS if options is None else options, progress or (lambda part: None)
+    options, report = OPTIONS if options is None else options, report_to(progress)
     unknown = [option for option in options if option not in OPTIONS]
     if unknown or not options:
         message = f"must be among {', '.join(OPTIONS)}; got {str(unknown[0])[:40] if unknown else 'none'}."
         raise wrong("options", message, "Leave it out for all of them.")
     tolerance = positive(tolerance, "tolerance", example="0.1")
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     chosen, remark = (signal, None) if signal is not None else signal_of(problem)
     given: dict[str, Any] = {"signal": chosen, "start": start, "t_final": t_final, "seed": seed}
     setting = make_setting(problem, gain=observer_gain(problem), samples=SAMPLES, tolerance=COARSE, **given)

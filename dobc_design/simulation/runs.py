@@ -18,13 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design._show.cards import Card
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.canonical import loop_sha256
-from dobc_design.problem.load import load_problem
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation import integrate
@@ -44,8 +45,8 @@ from dobc_design.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from dobc_design.plotting.runs import Envelope
 
-Source = Problem | str | PathLike[str]
 MOST_KEPT = 100_000_000  # samples of all runs of an ensemble, two numbers of each: 1.6 GB
+DRAWN_RUNS, MOST_STATES = 5, 2_000_000  # whose states an ensemble keeps, and how many numbers at most
 MOST_ARCS_COMPARED = 5000  # of all modes, up to which a run records of which problem it is
 
 
@@ -55,7 +56,8 @@ class Ensemble(measures.Simulated):
 
     Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d - dhat|_inf, nan from where
     a run that diverged had ended; diverged (R,); ended (R,) in s; switches (R,), how often a run switched; goal (n, m);
-    lengths (R,), the Euclidean |e| of all agents at the start; disturbances (R,), the largest |xi_i - xihat_i| there.
+    lengths (R,), the Euclidean |e| of all agents at the start; disturbances (R,), the largest |xi_i - xihat_i| there;
+    states (S, T, n, m), x of the first runs, which the figure shows (at most 5, none of very large networks).
     ``reasons`` says by run why it ended early; ``signal`` and ``stress`` are JSON, ``observer`` as in ``simulate``.
     ``simulate(problem, seed=seeds[r], ...)`` gives run r again, in full.
     """
@@ -80,6 +82,7 @@ class Ensemble(measures.Simulated):
     stress: str
     lengths: Array
     disturbances: Array
+    states: Array
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
 
     def __post_init__(self) -> None:
@@ -111,7 +114,7 @@ class Ensemble(measures.Simulated):
         return measures.summary(self.times, self.error, self.diverged)
 
     def plot(self, *, certificate: Certificate | None = None, envelope: Envelope | None = None, ax: Any = None) -> Any:
-        """Quantile bands of the errors over all runs.  The arguments are those of ``Trajectory.plot``."""
+        """States of the first runs, quantile bands of all errors.  The arguments are those of ``Trajectory.plot``."""
         from dobc_design.plotting.runs import ensemble_sheet, plot_bands
 
         bound = measures.bound_of(self, certificate, envelope)
@@ -144,16 +147,17 @@ class Ensemble(measures.Simulated):
 
 @overload
 def simulate(
-    problem: Source, *, runs: None = None, progress: Progress | None = None, **given: Unpack[Options]
+    problem: Source, *, runs: None = None, progress: Reports[float] = None, **given: Unpack[Options]
 ) -> Trajectory: ...
 
 
 @overload
 def simulate(
-    problem: Source, *, runs: int | None, progress: Progress | None = None, **given: Unpack[Options]
+    problem: Source, *, runs: int | None, progress: Reports[float] = None, **given: Unpack[Options]
 ) -> Trajectory | Ensemble: ...
 
 
+@shows_progress
 def simulate(
     problem: Source,
     *,
@@ -167,7 +171,7 @@ def simulate(
     observer: str = "closed-form",
     tolerance: float = 1e-9,
     stress: Stress | None = None,
-    progress: Progress | None = None,
+    progress: Reports[float] = None,
 ) -> Trajectory | Ensemble:
     """Simulate the closed loop (1), (12), (13), (19): one run, or ``runs`` of them with the seeds seed, seed + 1, ...
 
@@ -177,7 +181,7 @@ def simulate(
     ``t_final`` (s) and ``seed`` default to the problem's.  ``samples``: how many, or the times from 0 on in s.
     ``observer``: "closed-form" integrates e with eps known, "full-loop" all equations as printed, "off" leaves the
     disturbance uncompensated.  ``tolerance`` of the integrator is relative.  ``stress``: noise, limits, losses and
-    failures.  ``progress`` is called with the part that is done, from 0 to 1.
+    failures.  ``progress``: True for a bar, or a function of the part done, 0 to 1.
     Returns: a Trajectory, or with ``runs`` an Ensemble; ``diverged`` says what had to stop early, and ``reason`` why.
     Raises: SpecError for a wrong argument.
     Example:
@@ -185,7 +189,7 @@ def simulate(
         >>> run.x.shape, run.diverged, run.final_error < 0.3
         ((61, 10, 1), False, True)
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     remarks: list[str] = []
     if signal is None and mode is None:
         signal, remark = signal_of(problem)
@@ -198,8 +202,8 @@ def simulate(
     setting = settings.make_setting(problem, gain=gain, **given)
     setting, mark = replace(setting, notes=(*remarks, *setting.notes)), fingerprint(problem, gain)
     if runs is None:
-        return replace(run_once(setting, progress=progress), loop_sha256=mark)
-    return replace(run_many(setting, runs, progress=progress), loop_sha256=mark)
+        return replace(run_once(setting, progress=report_to(progress)), loop_sha256=mark)
+    return replace(run_many(setting, runs, progress=report_to(progress)), loop_sha256=mark)
 
 
 def fingerprint(problem: Problem, gain: Matrix | None) -> str:
@@ -308,6 +312,8 @@ class _Collector:
         self.error, self.estimation = np.full((2, runs, len(setting.times)), np.nan)
         self.ended, self.count = np.full(runs, setting.horizon), np.zeros(runs, dtype=np.int64)
         self.lengths, self.disturbances = np.zeros((2, runs))
+        shape = (len(setting.times), setting.loop.n, setting.loop.m)
+        self.states = np.full((min(runs, DRAWN_RUNS, MOST_STATES // int(np.prod(shape))), *shape), np.nan)
         self.reasons: dict[int, str] = {}
         self.method = "DOP853, side by side"
 
@@ -342,6 +348,7 @@ class _Collector:
             notes=tuple(notes),
             lengths=self.lengths,
             disturbances=self.disturbances,
+            states=self.states,
         )
 
     def reason_for_single_runs(self, closed: ClosedForm | None) -> str:
@@ -395,6 +402,7 @@ class _Collector:
                     late = setting.times > ended[row]
                     self.ended[chosen[row]], self.reasons[int(chosen[row])] = ended[row], reason
                     self.error[chosen[row], late] = self.estimation[chosen[row], late] = np.nan
+                    self.states[chosen[row] : chosen[row] + 1, late] = np.nan
                 else:
                     self.single(int(chosen[row]))
 
@@ -410,7 +418,7 @@ class _Collector:
             self.estimation[chosen, place] = np.abs(np.tensordot(weight, eps, axes=(1, 1))).max(axis=(0, 1))
 
         def visit(sample: IndexArray, run: IndexArray, e: Array) -> None:
-            self.error[chosen[run], sample] = np.abs(e).max(axis=0)
+            self.put(chosen, sample, run, e.reshape(loop.n, loop.m, -1))
 
         ends = stack.integrate(setting.times, tolerance=setting.tolerance, visit=visit)
         return ends.times, ends.reasons()
@@ -424,10 +432,13 @@ class _Collector:
         counts, reasons = Stepper(runs, visit, part).run()
         return self.setting.times[counts - 1], reasons
 
-    def put(self, chosen: IndexArray, sample: IndexArray, run: IndexArray, e: Array, gap: Array) -> None:
+    def put(self, chosen: IndexArray, sample: IndexArray, run: IndexArray, e: Array, gap: Array | None = None) -> None:
         """Errors e and d - dhat (n, m, k) of runs at their samples, (k,) each."""
+        own = chosen[run] < len(self.states)
         self.error[chosen[run], sample] = np.abs(e).max(axis=(0, 1))
-        self.estimation[chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
+        self.states[chosen[run][own], sample[own]] = np.moveaxis(e[..., own], -1, 0) + self.setting.loop.goal
+        if gap is not None:
+            self.estimation[chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
 
     def single(self, run: int) -> None:
         done = run_once(self.setting, seed=self.setting.seed + run)
@@ -435,6 +446,8 @@ class _Collector:
         self.error[run], self.estimation[run] = np.nan, np.nan
         self.error[run, :count] = done.error()[:count]
         self.estimation[run, :count] = done.estimation_error()[:count]
+        self.states[run : run + 1] = np.nan
+        self.states[run : run + 1, :count] = done.x[:count]
         self.ended[run], self.count[run] = done.times[-1], len(done.switches) - 1
         _, self.lengths[run], self.disturbances[run] = done.start_size()
         if done.diverged:

@@ -33,7 +33,6 @@ from dobc_design.sweeps.plan import Plan
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dobc_design.plotting.look import Sheet
     from dobc_design.plotting.sweeps import Places
 
 Outcome = dict[str, Any]  # a line: what is kept of a case
@@ -286,12 +285,13 @@ class SweepResult(Shown):
         write_atomically(target, data)
         return target
 
-    def plot(self, value: str | None = None, *, x: str | None = None, y: str | None = None) -> Sheet:
+    def plot(self, value: str | None = None, *, x: str | None = None, y: str | None = None, ax: Any = None) -> Any:
         """A column against what was varied: a heat map over two listed axes, lines or points over one.
 
         ``value``: a numeric column, by default rate, or settling_time of simulations.  ``x``, ``y``: axes, by default
         the first ones.  Where several cases fall on one place (draws, further axes) the median is drawn, which the
-        figure says.  Verdicts are marked besides.  Raises: SpecError for a name that does not fit.
+        figure says.  Verdicts are marked besides.  Returns: a Sheet; with Matplotlib's ``ax`` these axes.
+        Raises: SpecError for a name that does not fit.
         """
         from dobc_design.plotting.sweeps import heat_map, lines
 
@@ -305,15 +305,15 @@ class SweepResult(Shown):
             raise SpecError(f"no case has a {name}, so there is nothing to be drawn.", key="value", cure=cure)
         chosen = self._drawn_axes(x, y)
         outcome = [outcome_of(line) for line in self.lines]
-        title, label = f"{self.plan.name}: {meanings[name]}", meanings[name]
+        words = {"title": f"{self.plan.name}: {meanings[name]}", "label": meanings[name]}
         first = self._places(chosen[0])
         if len(chosen) == 2:
             note = self._note(chosen)
-            return heat_map(first, self._places(chosen[1]), numbers, outcome, label=label, title=title, note=note)
+            return heat_map(first, self._places(chosen[1]), numbers, outcome, note=note, ax=ax, **words)
         drawn = self.plan.axes[self.axes.index(chosen[0])].draw is not None and first.names is None
         series, used = self._series(chosen[0])
         note = "" if drawn else self._note([chosen[0], *used])
-        return lines(first, numbers, outcome, series, label=label, title=title, note=note, drawn=drawn)
+        return lines(first, numbers, outcome, series, note=note, drawn=drawn, ax=ax, **words)
 
     def _drawn_axes(self, x: str | None, y: str | None) -> list[str]:
         """One axis, or two for a heat map: those named, else the first two that are listed, else the first."""

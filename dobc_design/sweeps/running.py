@@ -25,6 +25,7 @@ from random import Random
 from typing import Any, TypeVar
 
 from dobc_design import __version__
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.errors import DobcError, SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.exact.work import read_time_limit
@@ -75,6 +76,7 @@ class State:
 Progress = Callable[[State], None]
 
 
+@shows_progress
 def sweep(
     problem: Problem | str | PathLike[str],
     over: Mapping[str, Any] | Sequence[str],
@@ -89,7 +91,7 @@ def sweep(
     cluster: str | None = None,
     time_limit: float | str | None = None,
     force: bool = False,
-    progress: Progress | None = None,
+    progress: Reports[State] = None,
 ) -> SweepResult:
     """Certify or simulate a problem with some of its keys varied.
 
@@ -102,7 +104,7 @@ def sweep(
     ``if __name__ == "__main__":`` around the call for more than one.  ``cluster``: the address of a Dask scheduler, or
     "local" for a cluster of ``jobs`` processes here.  ``time_limit``: seconds after which a case is given up, recorded
     as failed, and the rest goes on; with it one job is another process, too.  A later sweep with a longer limit does
-    such cases again.  ``progress`` is called with the state after every case.
+    such cases again.  ``progress``: True for a bar, or a function of the state after every case.
     Returns: a SweepResult; a case that fails is in it with its error.
     Raises: SpecError for a wrong argument, and if no case at all gives a problem; CertificateError, SolverError when
     the machine or the cluster fails, what is finished being kept.
@@ -118,7 +120,13 @@ def sweep(
     folder = None if out is None else Path(out)
     # A cluster that is not there is refused before anything is written, or with ``force`` replaced.
     with _backend(cluster, jobs, len(plan)) as backend, Journal(folder, plan, anew=force) as journal:
-        _run(journal, jobs=jobs, backend=backend, limit=None if limit is None else float(limit), progress=progress)
+        _run(
+            journal,
+            jobs=jobs,
+            backend=backend,
+            limit=None if limit is None else float(limit),
+            progress=report_to(progress),
+        )
         result = SweepResult(plan=plan, lines=journal.lines, folder=journal.folder)
         if journal.folder is not None:
             result.save(journal.folder / "results.csv", force=True)
@@ -140,9 +148,7 @@ def _require_one(plan: Plan) -> None:
         raise first
 
 
-def _run(
-    journal: Journal, *, jobs: int | None, backend: Backend, limit: float | None, progress: Progress | None
-) -> None:
+def _run(journal: Journal, *, jobs: int | None, backend: Backend, limit: float | None, progress: Progress) -> None:
     """Do the cases that are not done, or were given up and get more time now."""
     plan, done = journal.plan, journal.done
     for case in [case for case, line in done.items() if to_be_done_again(line, limit)]:
@@ -153,11 +159,10 @@ def _run(
     clock, began, idle = Clock(), time.monotonic(), 0.0
 
     def report() -> None:
-        if progress is not None:
-            elapsed = time.monotonic() - began
-            left = clock.left(len(plan) - len(done), elapsed=elapsed - idle)
-            counts = {"total": len(plan), "done": len(done), "resumed": resumed, "failed": failed}
-            progress(State(**counts, elapsed=elapsed, left=left))
+        elapsed = time.monotonic() - began
+        left = clock.left(len(plan) - len(done), elapsed=elapsed - idle)
+        counts = {"total": len(plan), "done": len(done), "resumed": resumed, "failed": failed}
+        progress(State(**counts, elapsed=elapsed, left=left))
 
     report()
     for line in outcomes(plan, [case for case in order if case not in done], jobs=jobs, backend=backend, limit=limit):

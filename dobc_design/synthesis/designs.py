@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from os import PathLike
-from typing import Any
+from collections.abc import Collection, Mapping, Sequence
+from typing import Literal
 
+from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.errors import SpecError
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.problem import Problem
+from dobc_design.exact.number import Number
+from dobc_design.problem.load import Source, load_problem
 from dobc_design.synthesis.joint.claim import Design, TradeOff, read_design_request
-from dobc_design.synthesis.joint.search import Progress, search_design, trade_off_of
-from dobc_design.synthesis.observer.claim import ObserverDesign, read_observer_request
+from dobc_design.synthesis.joint.search import search_design, trade_off_of
+from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, SpectralRegion, read_observer_request
 from dobc_design.synthesis.observer.search import search_groups
 from dobc_design.synthesis.pinning.claim import PinningDesign, read_request
 from dobc_design.synthesis.pinning.search import search_pinning, search_region
 
-
-def _loaded(problem: Problem | str | PathLike[str]) -> Problem:
-    return problem if isinstance(problem, Problem) else load_problem(problem)
-
-
-def _silent(stage: str) -> None:
-    """Nobody asked for progress."""
+Each = Number | Mapping[str | int, Number]  # one for all agents, or by label
+Labels = Collection[str | int]
+Noise = Number | NoiseLimit | Sequence[NoiseLimit]
 
 
 def design_observer(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
-    rate: Any = None,
-    region: Any = None,
-    noise: Any = None,
+    rate: Number | None = None,
+    region: SpectralRegion | Sequence[SpectralRegion] | None = None,
+    noise: Noise | None = None,
     digits: int = 4,
-    period: Any = None,
+    period: Number | None = None,
 ) -> ObserverDesign:
     """Design the observer gain W and prove that the rounded W does what was asked.
 
@@ -46,7 +43,7 @@ def design_observer(
         >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
         'refuted'
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     if not problem.groups:
         text = "exosystem must be given to design an observer, because it says what W estimates; got none."
         raise SpecError(text, key="exosystem", cure="dobc_design.exosystems has common shapes, constant() among them.")
@@ -55,17 +52,18 @@ def design_observer(
     return search_groups(problem.groups, request)
 
 
+@shows_progress
 def design_pinning(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
-    rate: Any,
-    allowed: Any = None,
-    cost: Any = None,
-    max_gain: Any = None,
-    pins: Any = None,
+    rate: Number,
+    allowed: Labels | None = None,
+    cost: Each | None = None,
+    max_gain: Each | None = None,
+    pins: int | Literal["fewest"] | None = None,
     digits: int = 4,
-    region: Any = None,
-    progress: Progress | None = None,
+    region: Number | bool | None = None,
+    progress: Reports[str] = None,
 ) -> PinningDesign:
     """Design the cheapest pinning gains for a decay rate, and prove what is said of them.
 
@@ -74,7 +72,7 @@ def design_pinning(
     certificate that covers it, and with no lower bound of their cost.  ``allowed``: labels of agents that may be pinned
     (default all).  ``cost``: c_i > 0, a number or label -> number, of sum c_i k_i.  ``max_gain`` (1/s): cap of every
     gain, likewise.  ``pins``: at most so many agents, or "fewest".  ``digits`` of the gains, which are rounded up.
-    ``progress`` is called with what is being done.  Gains that the problem has are not looked at.
+    ``progress``: True for a bar, or a function of what is being done.  Gains that the problem has are not looked at.
     Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the nearest request.
     Raises: SpecError for a wrong request, or couplings without a derivative at the consensus.
     Source: theory, sections 4, 5 and 7.
@@ -83,27 +81,28 @@ def design_pinning(
         >>> found.verdict.value, list(found.gains)
         ('proved', ['gateway'])
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     limits = {"allowed": allowed, "cost": cost, "max_gain": max_gain, "pins": pins, "digits": digits}
     request = read_request(problem.network.labels, rate=rate, **limits)
-    progress = progress or _silent
+    report = report_to(progress)
     if region is None:
-        return search_pinning(problem, request, progress)
-    progress("looking for gains that do over the region")
+        return search_pinning(problem, request, report)
+    report("looking for gains that do over the region")
     return search_region(problem, request, region)
 
 
+@shows_progress
 def design(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
-    rate: Any = None,
-    pins: Any = None,
-    max_gain: Any = None,
-    allowed: Any = None,
-    noise: Any = None,
+    rate: Number | None = None,
+    pins: int | Literal["fewest"] | None = None,
+    max_gain: Each | None = None,
+    allowed: Labels | None = None,
+    noise: Noise | None = None,
     digits: int = 3,
     reduce: bool = True,
-    progress: Progress | None = None,
+    progress: Reports[str] = None,
 ) -> Design:
     """Design observer gain, pinned agents and gains together, so that ``certify`` proves what the problem asks.
 
@@ -112,28 +111,32 @@ def design(
     as it takes.  ``max_gain`` (1/s): cap of every gain, a number or label -> number.  ``allowed``: labels of agents
     that may be pinned.  ``noise``: bound on the H-infinity norm from measurement noise to dhat, or NoiseLimit.
     ``digits`` of W and of the gains: what is certified are the rounded numbers.  ``reduce``: an exosystem with a part
-    that C does not see and that does not decay is replaced by its observable part.  ``progress`` is called with what
-    is being done.
+    that C does not see and that does not decay is replaced by its observable part.  ``progress``: as in
+    ``certify``.
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
     with the nearest possible request.  Raises: SpecError for a wrong argument.
+    Example:
+        >>> dd.design("clock-sync", rate="1/20", allowed=["gateway"]).verdict.value
+        'proved'
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     request = read_design_request(problem.network.labels, digits=digits, reduce=reduce, **limits)
-    return search_design(problem, request, progress or _silent)
+    return search_design(problem, request, report_to(progress))
 
 
+@shows_progress
 def trade_off(
-    problem: Problem | str | PathLike[str],
+    problem: Source,
     *,
     curve: str = "gain",
     design: Design | None = None,
-    pins: Any = None,
-    max_gain: Any = None,
-    allowed: Any = None,
+    pins: int | Literal["fewest"] | None = None,
+    max_gain: Each | None = None,
+    allowed: Labels | None = None,
     points: int = 10,
     digits: int = 3,
-    progress: Progress | None = None,
+    progress: Reports[str] = None,
 ) -> TradeOff:
     """One limit of a design in terms of another, as a curve.
 
@@ -143,8 +146,11 @@ def trade_off(
     to dhat against the decay of the estimate's error.  ``design``: one of this problem, whose point is marked and whose
     W is used.  ``points``: how many are tried.  ``pins``, ``max_gain``, ``allowed``, ``digits`` and ``progress`` are as
     in ``design``; gains that the problem has are not looked at.
-    Returns: a TradeOff with ``points``, ``plot()`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
+    Returns: a TradeOff with ``points``, ``plot(ax=...)`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
+    Example:
+        >>> dd.trade_off("clock-sync", pins=1, points=3).y_name
+        'sum of the gains, 1/s'
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
-    return trade_off_of(problem, request, curve, design=design, points=points, progress=progress or _silent)
+    return trade_off_of(problem, request, curve, design=design, points=points, progress=report_to(progress))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+from fractions import Fraction
 
 import pytest
 from certified import certified
@@ -26,6 +27,14 @@ def test_saved_files_are_enough_to_check_it_again(tmp_path):
     assert read_claims(claims_file.read_bytes()) == certificate.claims
     assert verify(claims_file.read_bytes(), problem).holds
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["certificate.json", "problem.json"]
+
+
+def test_the_gain_is_an_array_with_the_exact_matrix_beside_it():
+    certificate = certified("paper-switching")
+    assert certificate.W.tolist() == [[3.2], [2.4]]
+    assert certificate.W_exact == ((Fraction(16, 5),), (Fraction(12, 5),))
+    alone = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains=1)
+    assert (certify(alone).W, certify(alone).W_exact) == (None, None)
 
 
 def test_checks_are_found_by_id_and_mode():

@@ -115,7 +115,7 @@ def test_one_theorem_alone_can_be_judged(dobc, theorem, verdict):
     assert ran.json["covered_by"] == (theorem if verdict == "proved" else None)
     words = dobc("certify", "paper-fixed", "--no-report", "--theorem", theorem)
     assert words.code == code
-    assert words.out.startswith(f"paper-fixed: {verdict.upper()}. ")
+    assert f"\npaper-fixed: {verdict.upper()}. " in words.out
     if theorem == "theorem2":
         assert ran.json["reason"].startswith("does not apply: theorem2 is not among the conditions")
 
@@ -410,7 +410,7 @@ def test_piped_output_is_wide_and_a_narrow_terminal_has_the_reasons_below(dobc, 
     rows = [line for line in wide if line.startswith("hurwitz")]
     assert len(rows) == 1
     assert "A - WC is Hurwitz (given W): the estimation error decays at least like exp(" in rows[0]
-    assert "from every start asked for" in wide[0]
+    assert any("from every start asked for" in line for line in wide[:5])
     monkeypatch.setenv("COLUMNS", "80")
     narrow = dobc("certify", "paper-fixed", "--no-report").out.splitlines()
     assert max(len(line) for line in narrow if not line.startswith("re-check")) <= 80
@@ -436,9 +436,9 @@ def test_shown_margins_and_rates_are_never_larger_than_what_is_proved(dobc):
     out = dobc("certify", path, "--no-report").out
     for check in document["checks"]:
         if check["verdict"] == "proved" and check["margin"]:
-            title = f"{check['id']} ({check['mode']})" if "mode" in check else check["id"]
-            row = next(line for line in out.splitlines() if line.startswith(f"{title} "))
-            margin, rate = (float(cell) for cell in row.split("│")[2:4])
+            rows = [line for line in out.splitlines() if line.startswith(f"{check['id']} ")]  # modes may share a row
+            row = next(line for line in rows if check.get("mode", "") in line.split("│")[0])
+            rate, margin = (float(cell) for cell in row.split("│")[2:4])
             assert 0 < margin <= check["margin"]
             assert 0 < rate <= check["rate"]
 

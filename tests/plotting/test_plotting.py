@@ -153,7 +153,9 @@ def test_many_graphs_are_shades_and_counted(swarm):
 def test_an_ensemble_shows_the_quantiles_of_its_runs():
     runs = dd.simulate("paper-switching", runs=40, t_final=3, samples=31)
     sheet = runs.plot(envelope=[[0, 5], [3, 1]])
-    top, below = sheet.figure.axes
+    states, top, below = sheet.figure.axes
+    assert len(states.get_lines()) == 5 * 10 + 1  # agents of the first runs, and their goal
+    np.testing.assert_array_equal(states.get_lines()[13].get_ydata(), runs.states[1, :, 3, 0])
     median = next(line for line in top.get_lines() if line.get_label() == "median")
     np.testing.assert_array_equal(median.get_ydata(), runs.quantiles([0.5])[0])
     outer = top.collections[0].get_paths()[0].vertices
@@ -170,7 +172,7 @@ def test_runs_that_diverge_lift_the_upper_quantiles_and_break_nothing():
     problem = dd.Problem(network=network, coupling="y - y**3", gains={"2": 1}, region={"initial_states": [-2, 2]})
     runs = dd.simulate(problem, runs=30, t_final=5, samples=31)
     assert 0 < runs.diverged.sum() < 30
-    outer = runs.plot().figure.axes[0].collections[0].get_paths()[0].vertices
+    outer = runs.plot().figure.axes[1].collections[0].get_paths()[0].vertices
     assert outer[:, 1].max() > np.nanmax(runs.quantiles([0.5]))
 
 
@@ -218,6 +220,8 @@ def test_what_breaks_first_has_one_panel_per_option_with_its_border(switched):
     assert np.isfinite(bad.get_ydata()).all()
     verticals = {line.get_label(): line.get_xdata()[0] for line in sampling.get_lines() if line.get_label()[0] != "_"}
     assert verticals == {"longest that works": 0.15, "certified": 0.05}
+    ax = found.plot(ax=Figure().subplots())
+    assert [line.get_label() for line in ax.get_lines()] == ["measurement noise", "sampling period", "breaks above"]
 
 
 @pytest.mark.slow

@@ -31,6 +31,7 @@ def test_words_say_who_listens_to_whom_and_who_is_not_reached():
         "  b listens to c (weight 1/2)",
         "  NOT REACHED from a pinned agent: d.",
         "Pinned: c (k = 9/16).",
+        "Look at this: Agents without any arc: d. Is an arc missing?",
     ]
 
 
@@ -59,10 +60,12 @@ def test_words_say_what_else_is_asked():
         "  Every agent is reached from a pinned agent.",
         "Pinned: 1 (k = matrix).",
         "Formation offsets: 2: (3/2, 3/2).",
-        "Disturbance: sine of 2 rad/s (0.3183 Hz, period 3.142 s).",
         "Observer gain W: given. P: given, will be tested.",
         "Region asked for: initial states in [0, 5], [0, 5], estimation error at most 1/2.",
         "Note: Invented.",
+        "Disturbance: sine of 2 rad/s (0.3183 Hz, period 3.142 s).",
+        "Time scales near the target: fastest 0.316 s (network), slowest 1 s (observer); sample and integrate with"
+        " steps of at most 0.03 s.",
     ]
 
 
@@ -86,7 +89,7 @@ def test_facts_are_the_same_for_a_program():
         "pinned": ["c"],
         "switching": None,
         "notes": ["Invented."],
-        "remarks": [],
+        "remarks": ["Agents without any arc: d. Is an arc missing?"],
     }
 
 

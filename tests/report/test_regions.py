@@ -92,7 +92,7 @@ def test_delays_and_sampling_have_a_sentence_each():
     delay = check("delay", rate=0.101989, claim=Values({"delay": "1/50", "rate": "101989/1000000"}))
     sampling = check("sampling", claim=Values({"period": "21/1000", "factor": "99/100"}))
     late, held = timing_sentences(make(claim(), delay=delay, sampling=sampling))
-    assert "late by any bounded time" in late
+    assert "every bounded communication delay" in late
     assert "up to 0.02 s" in late
     assert "every rate below 0.1019 1/s" in late
     assert held.startswith("With couplings and pinning measured and held every 0.021 s, the proof still holds")
@@ -188,7 +188,7 @@ def test_the_page_has_a_section_with_table_pictures_and_sentences(asked_for: dic
     section = re.search(r'<details id="region">(.*?)</details>', page, re.DOTALL)
     assert section is not None
     assert section.group(1).count("<svg") == 2
-    for words in ("Max-separable", "box", "yes", "late messages and sampling", "late by up to 0.02 s", "R/√10"):
+    for words in ("Max-separable", "box", "yes", "late messages and sampling", "delays up to 0.02 s", "R/√10"):
         assert words.lower() in section.group(1).lower()
 
 
@@ -204,7 +204,7 @@ def test_the_markdown_text_has_the_same_table(asked_for: dict[str, Any]):
     row = next(line for line in text.splitlines() if line.startswith("| Max-separable |"))
     cells = [cell.strip() for cell in row.strip("|").split("|")]
     assert cells[1:7] == ["✓ proved", "box", "4", "4", "0.5", "0.2"]
-    assert "Information may be late by any bounded time" in text
+    assert "Stable for every bounded communication delay" in text
 
 
 def test_a_proof_that_covers_delays_and_sampling_does_not_exclude_them(asked_for: dict[str, Any]):

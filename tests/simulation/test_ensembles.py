@@ -38,6 +38,7 @@ def test_runs_side_by_side_are_the_runs_one_by_one(name: str):
         one = simulate(problem, seed=3 + k, **given)
         np.testing.assert_allclose(many.error[k], one.error(), atol=1e-9)
         np.testing.assert_allclose(many.estimation_error[k], one.estimation_error(), atol=1e-12)
+        np.testing.assert_allclose(many.states[k : k + 1], one.x[None][: len(many.states[k : k + 1])], atol=1e-9)
         assert many.switches[k] == len(one.switches) - 1
     assert many.method == "DOP853, side by side"
     assert len({tuple(row) for row in many.error.tolist()}) == 7

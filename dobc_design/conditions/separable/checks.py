@@ -14,7 +14,7 @@ from dobc_design.conditions.numbers import claimed, decimal_below, follows, roun
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable
 from dobc_design.conditions.separable.decide import NOT_BY_COMPONENT, composite_rate, covers, verify_composite
-from dobc_design.conditions.separable.timing import largest_period, sampled_factor, verify_delay, verify_sampling
+from dobc_design.conditions.separable.timing import largest_period, verify_delay, verify_sampling
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -67,8 +67,8 @@ def max_separable_check(
         domain="global" if claim.rho is None else starts_in("box", radius, disturbance),
         rate=rate,
         claim=claim,
-        reason=f"from {starts}: V = {measure} decays at least like exp(-{shorten(rate, digits=4):.4g} t), because"
-        f" on every face of every smaller box the field points inwards{everywhere}.{remark}",
+        reason=f"{starts} reaches the target: V = {measure} decays at least like exp(-{shorten(rate, digits=4):.4g} t)"
+        f"{everywhere} (max-separable Lyapunov function).{remark}",
     )
 
 
@@ -94,8 +94,8 @@ def delay_check(problem: Problem, claim: Separable, bound: DelayBound, beside: C
     if answer.verdict is not Verdict.PROVED or not rate:
         return undecided_check("delay", domain, answer.reason)
     reason = (
-        f"agents may hear each other late by up to {float(bound.delay):.4g} s, in any varying way: the error still"
-        f" decays at every rate below {shorten(rate, digits=4):.4g} 1/s. Longer delays make it slower; none stops it."
+        f"stable for every bounded communication delay; for delays up to {float(bound.delay):.4g} s, constant or"
+        f" varying, the error decays at every rate below {shorten(rate, digits=4):.4g} 1/s."
     )
     return Check(id="delay", verdict=Verdict.PROVED, domain=beside.domain, rate=rate, claim=bound, reason=reason)
 
@@ -121,11 +121,10 @@ def sampling_check(
         return undecided_check("sampling", domain, reason)
     period = rounded_down(longest.period * (1 - IN_HAND), digits=4)  # what is proved holds for shorter ones
     bound = SamplingBound(period=period, factor=1 - period * claim.alpha, own=own)
-    fall = shorten(100 * (1 - sampled_factor(claim, bound)), digits=2)
-    estimate = " (dhat is subtracted all the time)" if problem.groups else ""  # held, it leaves an error for ever
-    what = "V still falls" if own is None else "a V of its own, with weights that differ less, falls"
-    reason = f"couplings and pinning may be held for {float(period):.4g} s from one sample to the next{estimate}:"
-    reason += f" {what}, by at least {fall:.2g} % a sample."
+    fall = shorten(100 * (1 - bound.factor), digits=4)
+    held, left = ("; dhat acts continuously", ", up to what the estimation error adds") if problem.groups else ("", "")
+    reason = f"stable with couplings and pinning held for up to {float(period):.4g} s (zero-order hold{held});"
+    reason += f" at that period the largest weighted error falls by at least {fall:.4g} % a sample{left}."
     return Check(id="sampling", verdict=Verdict.PROVED, domain=beside.domain, claim=bound, reason=reason)
 
 

@@ -87,7 +87,7 @@ def verify_separable(problem: Problem, claim: Separable, *, stretch: Fraction | 
     where = "everywhere" if claim.rho is None else f"while it is at most {float(claim.rho):.6g}"
     return SeparableAnswer(
         verdict=Verdict.PROVED,
-        reason=f"on every face of every smaller box the field points inwards: max_i |e_i|/v_i decays at least like"
+        reason=f"every box |e_i| <= s v_i is invariant and shrinks: max_i |e_i|/v_i decays at least like"
         f" exp(-{shorten(claim.alpha, digits=4):.4g} t) {where}, up to what the observer error adds.",
     )
 

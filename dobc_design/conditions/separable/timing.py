@@ -113,16 +113,6 @@ def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction]
         return f"the slopes of the coupling are not bounded there: {error}"
 
 
-def sampled_factor(claim: Separable, bound: SamplingBound) -> Fraction:
-    """By how much V = N + kappa E falls from one sample to the next at least (N alone without an observer).  max(1 - T
-    alpha, x + (1 - x)/(kappa beta min v)) with x >= exp(-beta T)."""
-    if claim.error is None:
-        return bound.factor
-    x = exp(Interval.point(-claim.error.beta * bound.period)).hi
-    share = 1 / (claim.error.kappa * claim.error.beta * claim.least)
-    return max(bound.factor, x + (1 - x) * share)
-
-
 class _Steepest:
     """The largest mean slope, at least 0, of a coupling on the ways that a held step can take; each interval once.  A
     part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in s [step, step + 2 x v_i] where h is

@@ -26,7 +26,6 @@ from dobc_design.verdict import Verdict
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dobc_design.plotting.look import Sheet
 
 AXES = {
     "gain": ("rate, 1/s", "sum of the gains, 1/s"),
@@ -212,14 +211,14 @@ class TradeOff(Shown):
             lines.append(f"{line}   <- chosen" if point is self.chosen else line)
         return "\n".join([*lines, *(f"  {sentence}" for sentence in self.sensitivity)])
 
-    def plot(self) -> Sheet:
-        """The curve as a figure, with the chosen point."""
-        from dobc_design.plotting.sweeps import trade_off_sheet
+    def plot(self, ax: Any = None) -> Any:
+        """The curve with the chosen point.  Returns: a Sheet; with Matplotlib's ``ax`` these axes."""
+        from dobc_design.plotting.sweeps import trade_off_plot
 
         points = [(point.x, point.y) for point in self.points]
         chosen = None if self.chosen is None else (self.chosen.x, self.chosen.y)
         names = {"x_name": self.x_name, "y_name": self.y_name, "name": self.name}
-        return trade_off_sheet(points, chosen=chosen, steps=self.curve == "pins", **names)
+        return trade_off_plot(points, chosen=chosen, steps=self.curve == "pins", ax=ax, **names)
 
     def to_pandas(self) -> pd.DataFrame:
         """One row per point: x, y, pinned, proved, chosen.  Raises: SpecError if pandas is not installed."""

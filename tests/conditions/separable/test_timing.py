@@ -17,7 +17,6 @@ from dobc_design.conditions.separable.propose import propose_separable, rounded_
 from dobc_design.conditions.separable.timing import (
     largest_period,
     longest_delay,
-    sampled_factor,
     verify_delay,
     verify_sampling,
 )
@@ -186,13 +185,3 @@ def test_matrix_gains_and_couplings_that_do_not_apply_have_no_period():
     claim = Separable(v=fractions(1, 1), alpha=F(1), rho=F(1))
     assert largest_period(vector, claim) is None
     assert largest_period(pair("tanh(y)"), Separable(v=fractions(1, 1), alpha=F(1), rho=None)) is None
-
-
-def test_the_composite_shrinks_with_the_observer_too():
-    """V = N + kappa E over one period: the slower one of N and E, with what E hands to N."""
-    error = ErrorBound(P=((F(1),),), beta=F(1), kappa=F(4), size=F(1))
-    claim = Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None, error=error)
-    bound = SamplingBound(period=F(1, 5), factor=F(9, 10))
-    x = np.exp(-0.2)
-    assert float(sampled_factor(claim, bound)) == pytest.approx(max(0.9, x + (1 - x) / 4), rel=1e-12)
-    assert sampled_factor(Separable(v=fractions(1, 2), alpha=F(1, 2), rho=None), bound) == F(9, 10)

@@ -24,7 +24,8 @@ from dobc_design.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-WRITTEN_BY_PROGRAM = {"docs/reference/command-line.md", "docs/reference/conditions.md"}
+_MADE = ("command-line", "commands-design", "commands-prepare", "conditions")
+WRITTEN_BY_PROGRAM = {f"docs/reference/{name}.md" for name in _MADE}
 PAGES = [
     name
     for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

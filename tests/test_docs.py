@@ -22,7 +22,8 @@ from dobc_design.problem.schema import json_schema
 from dobc_design.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parents[1]
-WRITTEN_BY_PROGRAM = {"docs/reference/command-line.md", "docs/reference/conditions.md"}
+_MADE = ("command-line", "commands-design", "commands-prepare", "conditions")
+WRITTEN_BY_PROGRAM = {f"docs/reference/{name}.md" for name in _MADE}
 PAGES = sorted(
     path.relative_to(ROOT).as_posix()
     for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "notebooks").glob("*.ipynb")]

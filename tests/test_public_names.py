@@ -78,7 +78,9 @@ def documented() -> list[str]:
     """What the pages of the reference show with its docstring, as it is reached from the package."""
     text = "".join(page.read_text("utf-8") for page in REFERENCE)
     shown = re.findall(r"^\.\. auto(?:function|class|module):: (\S+)$", text, re.MULTILINE)
-    return [name.removeprefix("dobc_design.") if name.removeprefix("dobc_design.") in INSIDE else name for name in shown]
+    return [
+        name.removeprefix("dobc_design.") if name.removeprefix("dobc_design.") in INSIDE else name for name in shown
+    ]
 
 
 def test_the_reference_shows_every_public_name_once_and_no_other():

@@ -27,7 +27,11 @@ PREPARE = ("new", "problems", "check", "explain", "doctor", "schema")
 PROVE = ("certify", "verify", "region", "report")
 #: File -> title, the commands on it (None: all others), and the other two pages in a sentence.
 COMMANDS: dict[str, tuple[str, tuple[str, ...] | None, str]] = {
-    "command-line": ("Commands that prove", PROVE, "[](commands-prepare.md) and [](commands-design.md) have the others."),
+    "command-line": (
+        "Commands that prove",
+        PROVE,
+        "[](commands-prepare.md) and [](commands-design.md) have the others.",
+    ),
     "commands-prepare": ("Commands that prepare and explain", PREPARE, "How options are read: [](command-line.md)."),
     "commands-design": ("Commands that design, simulate, export", None, "How options are read: [](command-line.md)."),
 }

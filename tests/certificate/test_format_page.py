@@ -13,7 +13,9 @@ import dobc_design as dd
 from dobc_design.checker.examine import examine
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-FORMAT, CLAIMS, BY_HAND = ((DOCS / f"certificate-{name}.md").read_text("utf-8") for name in ("format", "claims", "by-hand"))
+FORMAT, CLAIMS, BY_HAND = (
+    (DOCS / f"certificate-{name}.md").read_text("utf-8") for name in ("format", "claims", "by-hand")
+)
 PROBLEM, CERTIFICATE = re.findall(r"^```json\n(.*?)^```$", BY_HAND, re.MULTILINE | re.DOTALL)
 PROBLEM = PROBLEM.replace("\n", "") + "\n"
 

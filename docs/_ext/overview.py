@@ -1,19 +1,14 @@
-"""Pictures of the handbook: the one of the README and of the first page, and the thumbnails of the gallery.
+"""The picture of the README and of the handbook's first page.
 
-``python docs/_ext/pictures.py`` writes docs/_static/mine.svg anew; a test holds it against what this file draws.
+``python docs/_ext/overview.py`` writes docs/_static/mine.svg anew; a test holds it against what this file draws.
 """
 
 from __future__ import annotations
 
-import base64
-import json
 import re
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from docutils import nodes
-from docutils.parsers.rst import Directive
 
 import dobc_design as dd
 from dobc_design._show.text import lower
@@ -22,7 +17,6 @@ from dobc_design.report import figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from sphinx.application import Sphinx
 
 DOCS = Path(__file__).resolve().parents[1]
 PICTURE = DOCS / "_static" / "mine.svg"
@@ -63,38 +57,6 @@ def overview() -> look.Sheet:
         right.legend(loc="upper right")
 
     return look.Sheet(draw, width=8.6, height=2.8)
-
-
-class Gallery(Directive):
-    """The notebooks, each with a picture of its own, its title, and what one learns from it."""
-
-    def run(self) -> list[nodes.Node]:
-        """Called by docutils."""
-        cards = []
-        for path in sorted((DOCS.parent / "notebooks").glob("*.ipynb")):
-            first = "".join(json.loads(path.read_text("utf-8"))["cells"][0]["source"])
-            title, learned = re.match(r"# (.+?)\n\nWhat you learn here: (.+?)(?:\n\n|$)", first, re.DOTALL).groups()
-            picture = f'<img src="../_static/thumbnails/{path.stem}.png" alt="" loading="lazy">'
-            learned = learned.replace("\n", " ")
-            cards.append(f'<a href="{path.stem}.html">{picture}<b>{title}</b><span>{learned}</span></a>')
-        return [nodes.raw("", f'<div class="gallery">{"".join(cards)}</div>', format="html")]
-
-
-def thumbnails(app: Sphinx, failure: Exception | None) -> None:
-    """The first picture of every notebook, as its run has just drawn it."""
-    place = Path(app.outdir) / "_static" / "thumbnails"
-    place.mkdir(parents=True, exist_ok=True)
-    for path in sorted((Path(app.outdir).parent / "jupyter_execute" / "gallery").glob("*.ipynb")):
-        cells = json.loads(path.read_text("utf-8"))["cells"]
-        shown = [each.get("data", {}).get("image/png") for cell in cells for each in cell.get("outputs", ())]
-        (place / f"{path.stem}.png").write_bytes(base64.b64decode(next(filter(None, shown))))
-
-
-def setup(app: Sphinx) -> dict[str, bool]:
-    """Called by sphinx."""
-    app.add_directive("gallery", Gallery)
-    app.connect("build-finished", thumbnails)
-    return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
 if __name__ == "__main__":

@@ -151,9 +151,10 @@ export line-certificate --rocq proof.v"""
 
 
 def keys_of_documents() -> dict[str, dict[str, bool]]:
-    """Heading of docs/reference/json.md -> key -> whether it is always there."""
+    """Heading of docs/reference/json.md or json-more.md -> key -> whether it is always there."""
     tables: dict[str, dict[str, bool]] = {}
-    for line in (ROOT / "docs/reference/json.md").read_text("utf-8").splitlines():
+    pages = [(ROOT / f"docs/reference/{name}.md").read_text("utf-8") for name in ("json", "json-more")]
+    for line in "".join(pages).splitlines():
         if line.startswith("## "):
             table = tables.setdefault(line[3:], {})
         elif line.startswith("| `") and tables:

@@ -32,7 +32,9 @@ class Gallery(Directive):
 
 
 def thumbnails(app: Sphinx, failure: Exception | None) -> None:
-    """Copy the first picture of every notebook's page."""
+    """Copy the first picture of every notebook's page; there is none where notebooks are not run."""
+    if failure is not None or app.config.nb_execution_mode == "off":
+        return
     place = Path(app.outdir) / "_static" / "thumbnails"
     place.mkdir(parents=True, exist_ok=True)
     for notebook in sorted(NOTEBOOKS.glob("*.ipynb")):

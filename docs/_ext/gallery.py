@@ -1,4 +1,4 @@
-"""The notebooks as a gallery; each thumbnail is the first picture that the run of its notebook has drawn."""
+"""The notebooks as a gallery; each thumbnail is the last picture that the run of its notebook has drawn."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ class Gallery(Directive):
 
 
 def thumbnails(app: Sphinx, failure: Exception | None) -> None:
-    """Copy the first picture of every notebook's page; there is none where notebooks are not run."""
+    """Copy the last picture of every notebook's page; there is none where notebooks are not run."""
     if failure is not None or app.config.nb_execution_mode == "off":
         return
     place = Path(app.outdir) / "_static" / "thumbnails"
     place.mkdir(parents=True, exist_ok=True)
     for notebook in sorted(NOTEBOOKS.glob("*.ipynb")):
         page = Path(app.outdir) / "gallery" / f"{notebook.stem}.html"
-        shown = re.search(r'src="\.\./(_images/[^"]+\.png)"', page.read_text("utf-8"))
-        if shown is None:
+        shown = re.findall(r'src="\.\./(_images/[^"]+\.png)"', page.read_text("utf-8"))
+        if not shown:
             raise ExtensionError(f"{notebook.name} shows no picture for the gallery.")
-        shutil.copyfile(Path(app.outdir) / shown[1], place / f"{notebook.stem}.png")
+        shutil.copyfile(Path(app.outdir) / shown[-1], place / f"{notebook.stem}.png")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

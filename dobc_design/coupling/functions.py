@@ -127,11 +127,11 @@ OTHER_NAMES: Final[dict[str, str]] = dict(pair.split(":") for pair in _OTHERS.sp
 def by_twos(name: str, arguments: tuple[T, ...], call: Callable[..., T]) -> T:
     """Call a function through ``call(name, ...)`` of one argument, or of min or max and two.  Min and max of several
     are taken one after the other, clip(x, lo, hi) is min(max(x, lo), hi)."""
+    if len(arguments) == 1:
+        return call(name, arguments[0])
     if name == "clip":
         inner, low, high = arguments
         return call("min", call("max", inner, low), high)
-    if len(arguments) == 1:
-        return call(name, arguments[0])
     return reduce(lambda left, right: call(name, left, right), arguments)
 
 

@@ -211,6 +211,9 @@ def run(steps: Sequence[Step[T]], variables: Sequence[T]) -> T:
             stack.append(variables[number])
         elif number == 1:
             stack[-1] = operation(stack[-1])
+        elif number == 2:
+            right = stack.pop()
+            stack[-1] = operation(stack[-1], right)
         else:
             first = len(stack) - number
             stack[first:] = [operation(*stack[first:])]
@@ -265,6 +268,8 @@ class IntervalAlgebra(Operators):
         return interval.pi()
 
     def call(self, name: str, arguments: tuple[Interval, ...]) -> Interval:
+        if len(arguments) == 1:  # at once, being asked most often
+            return FUNCTIONS[name].interval(arguments[0])
         return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].interval(*operands))
 
 
@@ -325,6 +330,10 @@ class GradientAlgebra:
         return self.add(left, self.negate(right))
 
     def multiply(self, left: Jet, right: Jet) -> Jet:
+        if left.partials is self.no_slope and left.curvature is ZERO:  # a constant
+            factor, (value, partials, curvature) = left.value, right
+            scaled = tuple(_times(u, factor) for u in partials)
+            return Jet(factor * value, scaled, None if curvature is None else _times(curvature, factor))
         curvature = None
         if left.curvature is not None and right.curvature is not None:
             twice = ZERO if left.slope is ZERO or right.slope is ZERO else _times(left.slope, right.slope) * 2
@@ -378,6 +387,9 @@ class GradientAlgebra:
     def _chain(
         self, inner: Jet, value: Interval, outer: Callable[[], Interval], curved: Callable[[Interval], Interval]
     ) -> Jet:
+        if inner.curvature is ZERO and inner.slope is ONE:  # of y itself, which is asked most often
+            first = outer()
+            return Jet(value, (first,), curved(first))
         # A constant has slope 0 even where the function has none, as in sqrt(0)*y.
         flat = not self.second or (inner.curvature is not None and inner.curvature.is_zero)
         if flat and inner.slope is not ONE and all(u.is_zero for u in inner.partials):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from dobc_design._checks import require_shape, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.exact.matrix import Matrix, Vector, identity, inverse, multiply, nullspace, row_echelon, transpose
+from dobc_design.exact.number import from_fmpq_mat, to_fmpq_mat
 from dobc_design.exact.polynomial import Coefficients, RouthTable, characteristic_polynomial, polynomial_text, routh
 from dobc_design.verdict import Verdict
 
@@ -47,11 +48,13 @@ def observability_matrix(A: Matrix, C: Matrix) -> Matrix:
     """Return [C; C A; ...; C A^(q-1)], (q m, q), for A (q, q) and C (m, q).  Raises: ShapeError if the shapes do not
     fit."""
     size = _require_pair(A, C)
-    block, rows = C, list(C)
+    if not size or not C:
+        return ()
+    block, flow, rows = to_fmpq_mat(C), to_fmpq_mat(A), list(C)
     for _ in range(size - 1):
-        block = multiply(block, A)
-        rows.extend(block)
-    return tuple(rows) if size else ()
+        block = block * flow
+        rows.extend(from_fmpq_mat(block))
+    return tuple(rows)
 
 
 def decide_observable(A: Matrix, C: Matrix) -> Observability:

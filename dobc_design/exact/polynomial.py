@@ -47,8 +47,8 @@ def routh(coefficients: Sequence[Fraction | int]) -> RouthTable:
     nonzero constant has no roots, and is PROVED. Raises: SpecError for the zero polynomial. Source: Routh 1877; theory,
     section 3."""
     column = []
-    for entry in routh_column(_monic(coefficients)):
-        column.append(entry)
+    for entry in routh_column([to_fmpq(x) for x in _monic(coefficients)]):
+        column.append(from_fmpq(entry))
         if entry <= 0:
             return RouthTable(first_column=tuple(column), verdict=Verdict.REFUTED, failing_row=len(column) - 1)
     return RouthTable(first_column=tuple(column), verdict=Verdict.PROVED, failing_row=None)
@@ -61,8 +61,8 @@ def routh_column(coefficients: Sequence[Any]) -> Iterator[Any]:
     while lower:
         yield lower[0]
         factor = upper[0] / lower[0]
-        below = [*lower[1:], *([Fraction(0)] * (len(upper) - len(lower)))]
-        upper, lower = lower, [x - factor * y for x, y in zip(upper[1:], below, strict=True)]
+        below = [x - factor * y for x, y in zip(upper[1:], lower[1:], strict=False)]
+        upper, lower = lower, [*below, *upper[len(lower) :]]
 
 
 def decide_hurwitz(A: Matrix) -> RouthTable:

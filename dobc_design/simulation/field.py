@@ -387,6 +387,13 @@ def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     return sp.block_array(rows, format="csr")
 
 
+def errors_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
+    """Who may influence whom in [e; eps]."""
+    own = sp.eye_array(loop.n, format="csr")
+    e_dot = [_block(hears(groups, loop.n), loop.m, loop.m), _block(own, loop.m, loop.q)]
+    return sp.block_array([e_dot, [None, _block(own, loop.q, loop.q)]], format="csr")
+
+
 def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:
     return sp.kron(graph, np.ones((rows, columns)), format="csr")
 

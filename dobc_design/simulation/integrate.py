@@ -17,7 +17,7 @@ from scipy.integrate import DOP853, Radau
 
 from dobc_design.errors import wrong
 from dobc_design.problem.arrays import ArcGroup, Array
-from dobc_design.simulation.field import ClosedForm, Loop, field_of, network_of
+from dobc_design.simulation.field import ClosedForm, Loop, errors_pattern, field_of, network_of
 from dobc_design.simulation.switches import LOOKS, Modes, Stay
 
 Derivative = Callable[[float, Array], Array]
@@ -65,6 +65,24 @@ def errors_alone(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Arra
         return derivative, network.pattern
 
     return _by_mode(loop, modes, right_hand_side, lambda state: state.reshape(shape) + loop.goal)
+
+
+def both_errors(loop: Loop, modes: Modes, F: Array) -> Plan:
+    """State [e; eps], where the observer's error has no closed form: eps' = F eps (17).  Both may die out, while xi and
+    z go on; nor is eps lost in the difference of two states that grow."""
+    cut = loop.n * loop.m
+
+    def right_hand_side(mode: int) -> tuple[Derivative, Pattern]:
+        groups = modes.groups(mode)
+        network = network_of(loop, groups)
+
+        def derivative(time: float, state: Array) -> Array:
+            eps = state[cut:].reshape(loop.n, loop.q)
+            return np.concatenate([network(state[:cut]) + (eps @ loop.C.T).ravel(), (eps @ F.T).ravel()])
+
+        return derivative, partial(errors_pattern, loop, groups)
+
+    return _by_mode(loop, modes, right_hand_side, lambda state: state[:cut].reshape(loop.n, loop.m) + loop.goal)
 
 
 def full_loop(loop: Loop, modes: Modes) -> Plan:

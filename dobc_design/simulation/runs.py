@@ -257,16 +257,19 @@ def _facts(setting: Setting) -> dict[str, Any]:
 
 
 def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progress | None) -> integrate.Outcome:
-    """A run without stress: e alone with eps in closed form, or the full loop."""
-    loop, asked, eps0 = setting.loop, setting.observer == "full-loop", start.xi - start.xihat
-    closed = None if asked else settings.closed_form_of(setting)
-    full = asked or (loop.q > 0 and closed is None)
+    """A run without stress: e with eps in closed form, else both of them, or the full loop."""
+    loop, full, eps0 = setting.loop, setting.observer == "full-loop", start.xi - start.xihat
+    closed, off = None if full else settings.closed_form_of(setting), setting.observer == "off"
+    along = loop.q > 0 and closed is None and not full
+    e0, F = (start.x - loop.goal).ravel(), loop.A if off else loop.F
     if full:
         z = start.xihat - loop.correction(start.x)
         plan, flat = integrate.full_loop(loop, modes), np.concatenate([start.x.ravel(), start.xi.ravel(), z.ravel()])
+    elif along:
+        plan, flat = integrate.both_errors(loop, modes, F), np.concatenate([e0, eps0.ravel()])
     else:
-        plan, flat = integrate.errors_alone(loop, modes, closed, eps0), (start.x - loop.goal).ravel()
-    implicit, tolerance = settings.is_stiff(setting, closed=not full), setting.tolerance
+        plan, flat = integrate.errors_alone(loop, modes, closed, eps0), e0
+    implicit, tolerance = settings.is_stiff(setting, closed=not (full or along)), setting.tolerance
     run = integrate.Integration(
         plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress
     ).run()
@@ -274,14 +277,14 @@ def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progr
         x, xi, z = (part.copy() for part in loop.split(run.states))
         xihat = z + loop.correction(x)
     else:
-        x = run.states.reshape(-1, loop.n, loop.m) + loop.goal
+        x = run.states[:, : len(e0)].reshape(-1, loop.n, loop.m) + loop.goal
         xi = evolve(loop.A, start.xi, run.times)
-        off = setting.observer == "off"
-        xihat = np.zeros_like(xi) if off else xi - evolve(loop.F, eps0, run.times)
+        eps = run.states[:, len(e0) :].reshape(xi.shape) if along else evolve(F, eps0, run.times)
+        xihat = np.zeros_like(xi) if off else xi - eps
     if run.method.startswith("Radau"):
         run.notes.append("The loop is stiff: integrated by the implicit method Radau.")
-    if full and not asked:
-        run.notes.append("The observer is too fast for its closed form: the full loop was integrated.")
+    if along:
+        run.notes.append("The observer is too fast for its closed form: its error was integrated as well.")
     dhat = xihat @ loop.C.T
     u = loop.control(x - loop.goal, dhat)
     return run, {"x": x, "xi": xi, "xihat": xihat, "d": xi @ loop.C.T, "dhat": dhat, "u": u}

@@ -241,14 +241,14 @@ def with_changes(document: Mapping[str, Any], changes: Mapping[Path, Any]) -> di
 
 def _set(document: dict[str, Any], path: Path, value: Any) -> None:
     inner: Any = document
-    for depth, part in enumerate(path[:-1]):
+    for depth, part in enumerate(_spelled(inner, each) for each in path[:-1]):
         if isinstance(inner, dict) and isinstance(part, str) and part not in inner:
             if value is None:
                 return
             inner[part] = [] if isinstance(path[depth + 1], int) else {}
         _require_place(inner, path, depth)
         inner = inner[part]
-    last = path[-1]
+    last = _spelled(inner, path[-1])
     if isinstance(inner, list) and last == len(inner) and value is not None:
         inner.append(value)  # such as the weight of an arc [a, b]
         return
@@ -257,6 +257,12 @@ def _set(document: dict[str, Any], path: Path, value: Any) -> None:
         inner[last] = value
     elif not isinstance(inner, dict) or last in inner:
         inner.pop(last)
+
+
+def _spelled(inner: Any, part: str | int) -> str | int:
+    """A key as the file spells it, whose accents may be in another form."""
+    known = isinstance(inner, dict) and part not in inner
+    return next((key for key in inner if one_form(key) == part), part) if known else part
 
 
 def _require_place(inner: Any, path: Path, depth: int) -> None:

@@ -5,6 +5,7 @@ A bar that is missed says BELOW (or ABOVE, where it is a ceiling).  Timings are 
 
 from __future__ import annotations
 
+import gc
 import os
 import resource
 import statistics
@@ -208,10 +209,14 @@ def interval_bar(name: str) -> Bar:
     def again(brought: Callable[[Any], Any]) -> float:
         given = [(steps, (brought(x),)) for steps, x in calls]
         float_values.cache_clear()
+        gc.collect()
+        gc.disable()  # a full collection takes as long as all evaluations in floats
         start = time.process_time()
         for steps, variables in given:
             run(steps, variables)
-        return time.process_time() - start
+        spent = time.process_time() - start
+        gc.enable()
+        return spent
 
     def exact(x: Any) -> Any:
         return x._replace(value=exact(x.value)) if isinstance(x, Jet) else OldInterval(x.lo, x.hi)
@@ -219,7 +224,7 @@ def interval_bar(name: str) -> Bar:
     # In turns, so that a busy machine slows down both.
     slow, fast = (
         statistics.median(column)
-        for column in zip(*((again(exact), again(lambda x: x)) for _ in range(3)), strict=True)
+        for column in zip(*((again(exact), again(lambda x: x)) for _ in range(7)), strict=True)
     )
     note = f"{len(calls)} evaluations: {slow:.3g} s / {fast:.3g} s"
     return Bar(what=f"interval arithmetic of certify {name}, Fractions vs floats", bar=10, ratio=slow / fast, note=note)

@@ -72,6 +72,7 @@ def ran(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(child, cwd=folder, capture_output=True, text=True, timeout=600, check=False)
 
 
+SINES = "+".join(f"sin({k}*y)/{k * k}" for k in range(1, 120))
 NESTED = "tan(" * 45 + "y" + ")" * 45
 HANGS = {
     "touches": (problem_text("log(1+y**2)+y", modes="a = [[1, 2], [2, 3], [3, 1]]\nb = [[1, 3], [3, 2], [2, 1]]"), 0),
@@ -80,6 +81,8 @@ HANGS = {
     "modes": (problem_text(modes=many_modes(3000), region="[-1, 1]"), 0),
     "order 40": (problem_text("y", more=dense(40), region=""), 3),
     "given W": (problem_text("y", more=f"{dense(40)}[observer]\nW = {[[1]] * 40}\n", region=""), 3),
+    "sines": (problem_text(SINES, region="[-1, 1]"), 3),
+    "order 20": (problem_text("y", more=dense(20), region=""), 0),
     "order 200": (problem_text("y", more=dense(200), region=""), 3),
 }
 
@@ -95,6 +98,16 @@ def test_what_hung_ends_with_a_certificate_that_both_programs_confirm(name: str,
     assert found.returncode == code, found.stderr[-500:]
     again = ran(tmp_path, "verify", "out/certificate.json", "--problem", "problem.toml", "--json")
     assert again.returncode == 0, again.stdout[-500:]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
+@pytest.mark.parametrize(("text", "code"), [(given(30, region=""), 0), (given(200), 3)])
+def test_a_design_for_a_large_exosystem_ends_with_a_proof_or_a_reason(text: str, code: int, tmp_path: Path):
+    (tmp_path / "problem.toml").write_text(text, encoding="utf-8")
+    found = ran(tmp_path, "design", "problem.toml", "--out", "new.toml")
+    assert found.returncode == code, found.stderr[-500:]
+    assert code == 0 or "takes long with an exosystem of order 200" in " ".join(found.stdout.split())
 
 
 @pytest.mark.slow

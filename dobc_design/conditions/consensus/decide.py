@@ -21,8 +21,8 @@ from dobc_design.conditions.consensus.claim import ZERO, Pair, PairFacts, Shown,
 from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, lowest_quotient, refutes
 from dobc_design.conditions.numbers import claimed, has_short_denominator, largest_proved, shorten
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import Matrix, Vector, inverse, multiply, transpose
-from dobc_design.exact.number import number_text
+from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
+from dobc_design.exact.number import from_fmpq_mat, number_text, to_fmpq_mat
 from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.arrays import unreached
@@ -194,7 +194,9 @@ def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> M
     if decide_positive_definite(block).verdict is not Verdict.PROVED:
         return None
     C = exosystem.C
-    return multiply(multiply(C, inverse(block.to_dense())), transpose(C))
+    if not C or not C[0]:
+        return multiply(C, transpose(C))
+    return multiply(C, from_fmpq_mat(to_fmpq_mat(block.to_dense()).solve(to_fmpq_mat(transpose(C)))))
 
 
 def psi_is_negative(

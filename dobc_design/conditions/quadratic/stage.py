@@ -26,7 +26,7 @@ from dobc_design.conditions.quadratic.decide import (
     verify_lure,
 )
 from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate, roomy_gains
-from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -92,6 +92,7 @@ def _found(asked: Asked, search: Callable[..., Lure | None], what: str, name: st
     ball = claimed(asked.ball)
     largest = max(2 * ball, min(10 * ball, _LARGEST))
     try:
+        spend(_steps(asked.problem))
         lure = search(holds=partial(holds, asked.problem), largest=largest, enclose=roomy_gains)
     except (ArithmeticError, RuntimeError, ValueError, WorkLimitError) as error:
         logger.warning("no quadratic proposal (%s): %s", what, error)
@@ -101,8 +102,14 @@ def _found(asked: Asked, search: Callable[..., Lure | None], what: str, name: st
 
 
 def holds(problem: Problem, lure: Lure) -> bool:
-    """Whether a certificate is proved."""
+    """Whether a certificate is proved.  Raises: WorkLimitError."""
+    spend(_steps(problem))
     return verify_lure(problem, lure).verdict is Verdict.PROVED
+
+
+def _steps(problem: Problem) -> int:
+    """What an exact inverse of the order of the exosystems takes: 27 s for order 200."""
+    return 0 if problem.joint_exosystem is None else problem.joint_exosystem.order**3 // 8
 
 
 def _ladder(asked: Asked, report: Progress) -> list[Found]:

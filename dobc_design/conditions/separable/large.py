@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.separable.claim import FACES, holding_gains
-from dobc_design.coupling.enclosures import Curve, Profile, secant
+from dobc_design.coupling.enclosures import Curve, Profile, secant, slope_bound
 from dobc_design.coupling.expression import Expression
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -78,9 +78,8 @@ class GainTable:
 
     def over(self, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
         """Lower and upper bounds of g, then of g', between y and z."""
-        first, last = self.cell(np.minimum(y, z)), self.cell(np.maximum(y, z))
-        level = np.frexp((last - first + 1).astype(float))[1] - 1
-        second = last - (1 << level) + 1
+        first = self.cell(np.minimum(y, z))
+        level, second = _span(first, self.cell(np.maximum(y, z)))
         least, most, falls, rises = self.ranges
         return (
             np.minimum(least[level, first], least[level, second]),
@@ -92,39 +91,47 @@ class GainTable:
 
 @lru_cache(maxsize=_KEPT)
 def gain_table(expression: Expression, radius: Fraction, *, cells: int = CELLS) -> GainTable:
-    """Enclose g on [-radius, radius]; the table reaches a little further, so that its nodes are floats.  A few tables
-    are kept, since one claim asks for the same several times; their arrays cannot be written to. Raises:
-    exact.interval.UndefinedError where g cannot be enclosed."""
+    """Enclose g on [-radius, radius] in at most ``cells`` cells, whose nodes are floats; the last ones reach further.
+    Tables are kept, since one claim asks for the same several times, and cells, which tables of several radii share;
+    arrays cannot be written to. Raises: exact.interval.UndefinedError where g cannot be enclosed."""
     curve = Curve(expression)
-    unit = Fraction(2) ** (math.frexp(float_above(radius))[1] - 5 if radius > 0 else -20)
-    reach = unit * (radius // unit + 1)
-    width = 2 * reach / cells
-    cell = [_cell(curve, -reach + k * width, width, limit=radius) for k in range(cells)]
+    part, exponent = math.frexp(float_above(radius) or 2.0**-20)
+    width = Fraction(3 if part < 0.75 else 4) * Fraction(2) ** (exponent - 1) / cells
+    most = max(1, math.ceil(radius / width))
+    cell = [_cell(curve, k, width) for k in range(-most, most)]
     low, high, *bounds = (np.array(column) for column in zip(*cell, strict=True))
-    ranges = [[each] for each in bounds]
-    span = 1
-    while 2 * span <= cells:  # near the right end over those that are left
-        for levels, choose in zip(ranges, 2 * (np.minimum, np.maximum), strict=True):
-            shifted = np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])
-            levels.append(choose(levels[-1], shifted))
-        span *= 2
-    stacks = tuple(np.stack(levels) for levels in ranges)
+    choices = (np.minimum, np.maximum, np.minimum, np.maximum)
+    stacks = tuple(_spans(values, choose) for values, choose in zip(bounds, choices, strict=True))
     bounded = np.isfinite(bounds[2]) & np.isfinite(bounds[3])
     falls, rises = (np.where(bounded, each, 0.0) for each in bounds[2:])
     for array in (low, high, falls, rises, *stacks):
         array.setflags(write=False)
     return GainTable(
-        radius=float(reach), width=float(width), low=low, high=high, falls=falls, rises=rises, ranges=stacks
+        radius=float(most * width), width=float(width), low=low, high=high, falls=falls, rises=rises, ranges=stacks
     )
 
 
-def _cell(curve: Curve, start: Fraction, width: Fraction, *, limit: Fraction) -> tuple[float, ...]:
-    """(low, high) of g in the middle, then bounds of g and of g' on the cell; infinite beyond the limit."""
+def _spans(values: Array, choose: Any) -> Array:
+    """The least or the most over 1, 2, 4, ... cells from each on, near the right end over those that are left."""
+    levels, span = [values], 1
+    while 2 * span <= len(values):
+        levels.append(choose(levels[-1], np.concatenate([levels[-1][span:], np.repeat(levels[-1][-1:], span)])))
+        span *= 2
+    return np.stack(levels)
+
+
+def _span(first: Any, last: Any) -> tuple[Any, Any]:
+    """The level of ``_spans`` of which two entries cover the cells first, ..., last, and where the second begins."""
+    level = np.frexp((last - first + 1).astype(float))[1] - 1
+    return level, last - (1 << level) + 1
+
+
+@lru_cache(maxsize=_KEPT * CELLS)
+def _cell(curve: Curve, k: int, width: Fraction) -> tuple[float, ...]:
+    """(low, high) of g in the middle of [k, k + 1] width, then bounds of g and of g' on it."""
     overlap = width * _BEYOND
-    nothing = (-math.inf, math.inf)
-    if start > limit + 2 * overlap or start + width < -limit - 2 * overlap:
-        return nothing * 3
-    place, middle = Interval(start - overlap, start + width + overlap), Interval.point(start + width / 2)
+    place = Interval(k * width - overlap, (k + 1) * width + overlap)
+    middle = Interval.point((k + Fraction(1, 2)) * width)
     try:  # in floats, if they tell g: next to 0 differences as in exp(y) - 1 leave few digits
         around, node = (secant(curve, Floats.around(each)) for each in (place, middle))
         close = node.value.width <= _CLOSE * node.value.magnitude
@@ -134,7 +141,7 @@ def _cell(curve: Curve, start: Fraction, width: Fraction, *, limit: Fraction) ->
         around, node = secant(curve, place), secant(curve, middle)
     values = around.value.floats()
     if around.slope is None:
-        return values + values + nothing
+        return values + values + (-math.inf, math.inf)
     slack = 4 * overlap * around.slope.magnitude
     return float_below(node.value.lo - slack), float_above(node.value.hi + slack), *values, *around.slope.floats()
 
@@ -245,6 +252,9 @@ _MOST_PIECES, _NARROWEST = 600, 2.0**-30
 _SURE: Final = 1e-6  # as a part of its limit, by how much a row fails for certain
 _UNIT: Final = 2.0**-52
 _FLOAT_BITS: Final = 53  # integers up to that long are floats, and so are they over a power of two as long
+SLICES: Final = 8  # of the way of a held step
+SLOPES: Final = 256  # parts of [0, radius] on which slopes are bounded, and how close
+_STEEP: Final = Fraction(1, 1000)
 _SAMPLES: Final = (0.0, 0.125, 0.25, 0.5, 0.75, 1.0)  # parts of rho at which a rate is estimated
 
 
@@ -344,6 +354,51 @@ def open_rows(arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction) ->
     above = float_above(rho)
     with np.errstate(invalid="ignore", over="ignore"):  # cells beyond the table are infinite and prove nothing
         return [(agent, face) for face in FACES for agent in _open(arcs, limits, face, kinds, above).tolist()]
+
+
+def stiffest_row(arcs: ArcRows, profiles: Sequence[Profile], gains: Sequence[Fraction], *, rho: Fraction) -> Fraction:
+    """An upper bound of the largest sum_j w L_ij + k over rows and faces (``timing``); ``gains``: k of each row.
+    Raises: exact.interval.UndefinedError where a slope is not bounded."""
+    counts = np.diff(arcs.start)
+    rows, held = np.repeat(np.arange(len(counts)), counts), _floats(gains)[1]
+    own, mean, largest = arcs.own[1][rows], np.zeros(len(rows)), Fraction(0)
+    for face in FACES:
+        for number, kind in enumerate(profiles):
+            if np.any(mine := arcs.kinds == number):
+                mean[mine] = _mean_slopes(kind, face, rho, (arcs.steps[mine], arcs.reaches[mine], own[mine]))
+        values = mean if arcs.weights is None else up(mean * arcs.weights[1])
+        largest = max(largest, Fraction(float(np.max(up(_sums(values, rows, counts) + held)))))
+    return largest
+
+
+def _mean_slopes(kind: Profile, face: int, rho: Fraction, ends: tuple[Array, Array, Array]) -> Array:
+    """Upper bounds of the mean slopes, slice by slice, for (steps, reaches, own) of arcs."""
+    steps, reaches, own = ends
+    scale, total = float(rho / kind.radius * SLOPES), np.zeros(len(steps))
+    start, highest = np.minimum(steps, 0.0) if kind.is_nondecreasing else -reaches, _slopes(kind.curve, kind.radius)
+    for k in range(SLICES):
+        end = np.maximum(steps + 2 * (k + 1) / SLICES * own, 0.0)
+        low, high = (start, end) if face > 0 else (-end, -start)
+        # Positions are wrong by far less than half the overlap.
+        first = np.clip(np.floor(low * scale + float(_BEYOND / 2)).astype(np.int64) + SLOPES, 0, 2 * SLOPES - 1)
+        last = np.floor(high * scale - float(_BEYOND / 2)).astype(np.int64) + SLOPES
+        level, second = _span(first, np.clip(last, first, 2 * SLOPES - 1))
+        total = up(total + np.maximum(highest[level, first], highest[level, second]))
+    return total / SLICES
+
+
+@lru_cache(maxsize=_KEPT)
+def _slopes(curve: Curve, radius: Fraction) -> Array:
+    """Upper bounds of h', at least 0, over 1, 2, 4, ... of the 2 SLOPES parts of [-radius, radius] from each on."""
+    width, whole, found = radius / SLOPES, Interval(-radius, radius), list[float]()
+    for k in range(-SLOPES, SLOPES):
+        place = whole.meet(Interval((k - _BEYOND) * width, (k + 1 + _BEYOND) * width))
+        try:
+            slope = slope_bound(curve, Floats.around(place), tolerance=_STEEP)
+        except UndefinedError:
+            slope = slope_bound(curve, place, tolerance=_STEEP)
+        found.append(max(float_above(slope), 0.0))
+    return _spans(np.array(found), np.maximum)
 
 
 def estimated_rate(arcs: ArcRows, kinds: Kinds, *, rho: Fraction) -> float:
@@ -455,14 +510,18 @@ class _Piece:
         return most, smooth
 
     def _total(self, values: Array) -> Array:
-        """Sums of w times values by row, rounded up: one addition per term, each within 2^-53 of the sum of sizes."""
-        size = len(self.counts)
+        """Sums of w times values by row, rounded up."""
         if self.weights is not None:
             product = up(values * np.where(values >= 0, self.weights[1], self.weights[0]))
             values = np.where(values == 0, 0.0, product)
-        total = np.bincount(self.rows, weights=values, minlength=size)
-        sizes = np.bincount(self.rows, weights=np.abs(values), minlength=size)
-        return np.where(sizes == 0, 0.0, up(total + up(sizes * (2 * (self.counts + 2) * _UNIT))))
+        return _sums(values, self.rows, self.counts)
+
+
+def _sums(values: Array, rows: Any, counts: Any) -> Array:
+    """Sums of values by row, rounded up: one addition per term, each within 2^-53 of the sum of sizes."""
+    total = np.bincount(rows, weights=values, minlength=len(counts))
+    sizes = np.bincount(rows, weights=np.abs(values), minlength=len(counts))
+    return np.where(sizes == 0, 0.0, up(total + up(sizes * (2 * (counts + 2) * _UNIT))))
 
 
 def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tuple[Array, Array]:

@@ -31,8 +31,8 @@ WIDER = Fraction(2)  # how much further out the agent is looked for that is no l
 KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
 #: How many times less steep couplings have to be for a v of its own for sampling; the part of the rate that it keeps.
 WORTH, SLOWER, SAMPLES = 2, 0.1, 50
-#: Arcs of all modes together up to which delays and sampling are examined: exact rows for each of them take long.
-TIMED_ARCS = 3000
+#: Arcs of all modes together up to which delays and sampling are examined (a minute in the second program).
+TIMED_ARCS = 20_000
 
 
 def separable_stage(asked: Asked, report: Progress) -> list[Check]:

@@ -12,33 +12,29 @@ the largest e_i+ is that of the face e_i = s v_i, so the rows give N+ <= (1 - T 
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from functools import cache
-from itertools import repeat
 
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import FACES, DelayBound, SamplingBound, Separable, Term
 from dobc_design.conditions.separable.decide import SeparableAnswer, coupling_profiles, verify_separable
+from dobc_design.conditions.separable.large import SLICES, arc_rows, stiffest_row
 from dobc_design.coupling.enclosures import Profile, slope_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval, UndefinedError, exp
-from dobc_design.exact.number import float_above
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-_SLICES = 8
 _SHORTER = 60  # times that a delay is halved
 _CLOSE = Fraction(1, 1000)
 # How much larger than the truth floats may make a sum of slopes: for nine digits of a period, and beside a claimed one.
 _UNSURE, _NEAR = Fraction(1, 10**12), Fraction(1, 10**9)
-# Arcs from which on slopes are bounded once on every interval between two multiples of this part of rho.
-_MANY_ARCS, _GRID = 100, Fraction(1, 64)
+_MANY_ARCS = 100  # from which on slopes are bounded once on every part of the box
 _ZERO = Fraction(0)
 
 
@@ -100,11 +96,13 @@ def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction]
         gains[agent] = max(row[c] for c, row in enumerate(k))
     try:
         profiles, rho = coupling_profiles(problem, claim.v, rho=claim.rho), claim.rho or _ZERO
-        grid = _GRID * rho if sum(map(len, problem.network.modes.values())) > _MANY_ARCS else None
+        modes = problem.network.modes.values()
+        if rho and sum(map(len, modes)) > _MANY_ARCS:
+            return stiffest_row(arc_rows(problem, claim.v), profiles, gains * len(modes), rho=rho)
         rows = [(row, face) for row, _ in claims.rows(problem, claim.v, gains=gains) for face in FACES]
 
         def largest(around: Callable[[Interval], Interval]) -> Fraction:
-            mean = _Steepest(profiles, rho, grid=grid, around=around)
+            mean = _Steepest(profiles, rho, around)
             return max(row.gain + sum(x.weight * mean(x, row.own, face) for x in row.terms) for row, face in rows)
 
         with suppress(UndefinedError):
@@ -130,38 +128,20 @@ class _Steepest:
     part x of the way from e_j - s v_i lies in s [-reach, step + 2 x v_i], and in s [step, step + 2 x v_i] where h is
     nondecreasing, because e_j = s v_j is then the worst.  The mean over x is bounded slice by slice."""
 
-    def __init__(
-        self,
-        profiles: Sequence[Profile],
-        rho: Fraction,
-        *,
-        grid: Fraction | None,
-        around: Callable[[Interval], Interval],
-    ) -> None:
+    def __init__(self, profiles: Sequence[Profile], rho: Fraction, around: Callable[[Interval], Interval]) -> None:
         self.profiles = profiles
         self.rho = rho  # 0 for linear couplings, which have one slope
-        self.grid = grid
         self.around = around  # Floats.around, or nothing done to the interval
-        self.on, self.part = cache(self._on), cache(self._part)
+        self.on = cache(self._on)
 
     def __call__(self, term: Term, own: Fraction, face: int) -> Fraction:
-        ends = (term.step + 2 * Fraction(k + 1, _SLICES) * own for k in range(_SLICES))
-        return sum((self._largest(term, max(end, _ZERO), face) for end in ends), _ZERO) / _SLICES
+        ends = (term.step + 2 * Fraction(k + 1, SLICES) * own for k in range(SLICES))
+        return sum((self._largest(term, max(end, _ZERO), face) for end in ends), _ZERO) / SLICES
 
     def _largest(self, term: Term, end: Fraction, face: int) -> Fraction:
-        kind = self.profiles[term.coupling]
-        start = min(term.step, _ZERO) if kind.is_nondecreasing else -term.reach
-        place = Interval(self.rho * start, self.rho * end) * face
-        if self.grid:  # the next multiples outwards, where the coupling is known to be defined so far out
-            low, high = math.floor(place.lo / self.grid), math.ceil(place.hi / self.grid)
-            if max(-low, high) * self.grid <= kind.radius:
-                parts = range(low, max(high, low + 1))
-                return Fraction(max(map(self.part, repeat(term.coupling), parts)))
-        return self.on(term.coupling, place)
+        start = min(term.step, _ZERO) if self.profiles[term.coupling].is_nondecreasing else -term.reach
+        return self.on(term.coupling, Interval(self.rho * start, self.rho * end) * face)
 
     def _on(self, coupling: int, place: Interval) -> Fraction:
         curve = self.profiles[coupling].curve
         return max(slope_bound(curve, self.around(place), tolerance=_CLOSE), _ZERO)
-
-    def _part(self, coupling: int, k: int) -> float:
-        return float_above(self._on(coupling, Interval(Fraction(k), Fraction(k + 1)) * (self.grid or _ZERO)))

@@ -21,6 +21,7 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
@@ -155,7 +156,8 @@ def _attempt(
     """Decide one request: PROVED with a certificate, REFUTED with a statement, or UNDECIDED with the reason.  Designs
     that are proved, but not at the rate asked for, are added to ``slower``."""
     progress("looking for what is impossible")
-    changes, decisions, obstacle = reduced_exosystem(problem, reduce=request.reduce)
+    large = next(filter(None, (too_large(group.exosystem) for group in problem.groups)), None)
+    changes, decisions, obstacle = ({}, (), None) if large else reduced_exosystem(problem, reduce=request.reduce)
     bare = changed_problem(problem, {"pinning.gains": None, **changes})
     if bare.groups:
         bare = changed_problem(bare, gain_changes(bare, None))
@@ -169,6 +171,8 @@ def _attempt(
     if obstacle is not None:
         statements = (obstacle,) if obstacle.verdict is Verdict.REFUTED else ()
         return ground.nothing(obstacle.verdict, obstacle.text, *statements)
+    if large:
+        return ground.nothing(Verdict.UNDECIDED, f"what an observer has to do is {large}")
     observer = next(ground.every_observer())
     if observer is not None and observer.verdict is Verdict.REFUTED:
         first = observer.statements[0]

@@ -104,12 +104,13 @@ def hurwitz_statement(F: Matrix) -> Statement:
 
 def rate_holds(F: Matrix, rate: Fraction) -> bool:
     """Whether every eigenvalue of F has a real part <= -rate, the border included."""
-    return roots_inside(characteristic_polynomial(F), claim.HalfPlane(left_of=-rate))[0]
+    return roots.count_right_half_plane(image(claim.HalfPlane(left_of=-rate), characteristic_polynomial(F))) == 0
 
 
 def damping_holds(F: Matrix, damping: Fraction) -> bool:
     """Whether the damping ratio of F is at least ``damping``: exact; false outside (0, 1)."""
-    return 0 < damping < 1 and roots_inside(characteristic_polynomial(F), claim.Cone(damping=damping))[0]
+    cone = claim.Cone(damping=damping) if 0 < damping < 1 else None
+    return cone is not None and roots.count_right_half_plane(image(cone, characteristic_polynomial(F))) == 0
 
 
 def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponential.IntervalMatrix:

@@ -102,6 +102,8 @@ def make_plant(exosystem: Exosystem, request: claim.ObserverRequest) -> Plant:
 def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array, str]]:
     """Gains for the regions with the smallest |W| of what the methods give first; then those for bounds on noise."""
     inequalities = "linear matrix inequalities"
+    # A Kalman gain reaches every rate that can be had: with many states and no other region it is enough.
+    slacks = SLACKS if len(plant.A) <= propose.LARGEST_PROGRAM or request.regions else ()
     rates = [Fraction(0)]  # to be added where none was asked: half that of the Kalman gain, then smaller ones
     rate = propose.half_rate(plant.A, plant.C, propose.kalman_gain(plant.A, plant.C))
     if rate and request.rate is None and not plant.sampled:
@@ -110,7 +112,7 @@ def _gains(plant: Plant, request: claim.ObserverRequest) -> Iterator[tuple[Array
         regions = (claim.HalfPlane(left_of=-rate), *plant.regions) if rate else plant.regions
         if claim.common_interval(regions) is None:
             continue
-        answers = (lmi_gain(plant.A, plant.C, regions, slack=slack) for slack in SLACKS)
+        answers = (lmi_gain(plant.A, plant.C, regions, slack=slack) for slack in slacks)
         found = [(W, inequalities) for W in answers if W is not None]
         found += kalman_gains(plant.A, plant.C, regions, sampled=plant.sampled)
         yield from sorted(found, key=lambda each: float(np.linalg.norm(each[0])))

@@ -134,7 +134,24 @@ def test_the_period_of_a_convex_coupling_is_that_of_the_whole_way():
     assert -2 + float(h([3.0])[0]) * 1.5 / mean > 2
 
 
-@pytest.mark.parametrize("many", [100, 0])  # arcs from which on slopes are bounded on a grid
+@pytest.mark.parametrize("seed", range(6))
+def test_many_arcs_in_arrays_have_the_period_of_their_rows(monkeypatch, seed: int):
+    """Slopes on equal parts of the box are at least those of the slices, which are bounded up to 1/1000."""
+    problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=2, n=4, held=True)
+    claim = certified(problem, F(1, 4))
+    by_rows = largest_period(problem, claim).period
+    monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", 0)
+    assert F("0.97") * by_rows <= largest_period(problem, claim).period <= F("1.002") * by_rows
+
+
+def test_a_coupling_that_no_arc_has_does_not_limit_the_period(monkeypatch):
+    monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", 0)
+    claim, exceptions = Separable(v=fractions(1, 2), alpha=F(1, 100), rho=F(1)), {(1, 0): "tanh(y)"}
+    with_unused = listening([[2, 1]], "exp(9*y) - 1", n=2, gains={1: 5}, target=0, exceptions=exceptions)
+    assert largest_period(with_unused, claim) == largest_period(pair("tanh(y)"), claim)
+
+
+@pytest.mark.parametrize("many", [100, 0])  # arcs from which on slopes are bounded on equal parts of the box
 def test_the_period_sees_a_slope_that_is_steep_at_the_start_of_the_way_only(monkeypatch, many: int):
     """Slope 41/10 on -1 < y < -1/2 and 1/10 elsewhere; agent 2 starts at y = -1, so T <= 10/41."""
     monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", many)

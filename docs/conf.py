@@ -13,7 +13,7 @@ author = "dobc_design contributors"
 copyright = author
 release = version = __version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "docstrings", "generated", "mathml"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "docstrings", "gallery", "generated", "mathml", "names"]
 exclude_patterns = ["_build", "_ext"]
 suppress_warnings = ["mystnb.unknown_mime_type"]  # notebooks show widgets and figures in richer ways as well
 

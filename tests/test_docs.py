@@ -22,7 +22,8 @@ from dobc_design.problem.schema import json_schema
 from dobc_design.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parents[1]
-WRITTEN_BY_PROGRAM = {"docs/reference/command-line.md", "docs/reference/conditions.md"}
+_MADE = ("command-line", "commands-design", "commands-prepare", "conditions")
+WRITTEN_BY_PROGRAM = {f"docs/reference/{name}.md" for name in _MADE}
 PAGES = sorted(
     path.relative_to(ROOT).as_posix()
     for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "notebooks").glob("*.ipynb")]
@@ -150,9 +151,10 @@ export line-certificate --rocq proof.v"""
 
 
 def keys_of_documents() -> dict[str, dict[str, bool]]:
-    """Heading of docs/reference/json.md -> key -> whether it is always there."""
+    """Heading of docs/reference/json.md or json-more.md -> key -> whether it is always there."""
     tables: dict[str, dict[str, bool]] = {}
-    for line in (ROOT / "docs/reference/json.md").read_text("utf-8").splitlines():
+    pages = [(ROOT / f"docs/reference/{name}.md").read_text("utf-8") for name in ("json", "json-more")]
+    for line in "".join(pages).splitlines():
         if line.startswith("## "):
             table = tables.setdefault(line[3:], {})
         elif line.startswith("| `") and tables:

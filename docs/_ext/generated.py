@@ -23,17 +23,33 @@ def cell(text: object) -> str:
     return str(text or "").replace("|", "\\|").replace("\n", " ")
 
 
-def commands() -> str:
-    """The page of the command line."""
-    lines = [
-        "# Command line",
-        "",
-        "Written from the program itself. FILE is the path of a problem file or the name of a built-in problem.",
-        "`--json` puts one JSON document on standard output and nothing else there, with the keys of [](json.md);",
-        "progress and messages go to standard error.",
-        "",
-    ]
-    for name, command in sorted(typer.main.get_command(command_line).commands.items()):
+PREPARE = ("new", "problems", "check", "explain", "doctor", "schema")
+PROVE = ("certify", "verify", "region", "report")
+#: File -> title, the commands on it (None: all others), and the other two pages in a sentence.
+COMMANDS: dict[str, tuple[str, tuple[str, ...] | None, str]] = {
+    "command-line": (
+        "Commands that prove",
+        PROVE,
+        "[](commands-prepare.md) and [](commands-design.md) have the others.",
+    ),
+    "commands-prepare": ("Commands that prepare and explain", PREPARE, "How options are read: [](command-line.md)."),
+    "commands-design": ("Commands that design, simulate, export", None, "How options are read: [](command-line.md)."),
+}
+
+
+def commands(title: str, wanted: tuple[str, ...] | None, besides: str) -> str:
+    """One page of the command line, in the order wanted."""
+    everything = typer.main.get_command(command_line).commands
+    names = wanted or sorted(set(everything) - set(PREPARE) - set(PROVE))
+    lines = [f"# {title}", "", besides, ""]
+    if wanted == PROVE:
+        lines += [
+            "Written from the program itself. FILE is the path of a problem file or the name of a built-in problem.",
+            "`--json` puts one JSON document on standard output and nothing else there, with the keys of [](json.md);",
+            "progress and messages go to standard error.",
+            "",
+        ]
+    for name, command in ((name, everything[name]) for name in names):
         if command.hidden:
             continue
         arguments = [part for part in command.params if part.param_type_name == "argument"]
@@ -86,7 +102,8 @@ def notebooks(target: Path) -> None:
 
 def generate(app: Sphinx) -> None:
     """Write everything."""
-    write(DOCS / "reference" / "command-line.md", commands())
+    for name, page in COMMANDS.items():
+        write(DOCS / "reference" / f"{name}.md", commands(*page))
     write(DOCS / "reference" / "conditions.md", conditions())
     notebooks(DOCS / "gallery")
 

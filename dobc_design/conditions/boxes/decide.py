@@ -1,6 +1,6 @@
 """Certificates of ``claim`` decided: the inner one, then every box of the shell; and the check ``exhaustive``.
 
-Theory, section 4.  docs/certificate-format.md, "Regions", fixes the form of the check.
+Theory, section 4.  docs/certificate-claims.md, "Regions", fixes the form of the check.
 """
 
 from __future__ import annotations

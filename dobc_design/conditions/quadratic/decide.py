@@ -2,7 +2,7 @@
 
 Theory, section 4: a ball in a sublevel set of V = e'P_e e + sum eps_i'P eps_i.  Every step is exact.  "Refuted" is
 about the certificate at hand, with a witness where a matrix fails; it never says that consensus fails.
-docs/certificate-format.md, "Regions", fixes the form.
+docs/certificate-claims.md, "Regions", fixes the form.
 """
 
 from __future__ import annotations

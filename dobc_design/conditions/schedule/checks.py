@@ -1,4 +1,4 @@
-"""The check `settling`: a proved chain of stages as what a certificate holds (docs/certificate-format.md), and back.
+"""The check `settling`: a proved chain of stages as what a certificate holds (docs/certificate-claims.md), and back.
 
 Also what the stages say about sampling and delays, one by one.
 """

@@ -1,6 +1,6 @@
 """The checks max-separable, delay and sampling, from a claim that is decided to what a certificate holds, and back.
 
-docs/certificate-format.md, "Regions", fixes the form.  A check is proved for the very numbers that it shows.
+docs/certificate-claims.md, "Regions", fixes the form.  A check is proved for the very numbers that it shows.
 """
 
 from __future__ import annotations

@@ -28,7 +28,8 @@ def server(tmp_path: Path) -> Iterator[str]:
     kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
     notebook = nbformat.v4.new_notebook(metadata=kernel)
     notebook.cells = [
-        nbformat.v4.new_code_cell('import dobc_design as dd\ndesigner = dd.Designer("paper-fixed")\ndesigner')
+        nbformat.v4.new_code_cell('import dobc_design as dd\ndesigner = dd.Designer("paper-fixed")\ndesigner'),
+        nbformat.v4.new_code_cell("designer.gains"),
     ]
     nbformat.write(notebook, tmp_path / "design.ipynb")
     log = tmp_path / "server.log"
@@ -76,7 +77,15 @@ def test_a_click_pins_an_agent_and_the_exact_verdict_follows(page: Page, tmp_pat
     assert float(re.search(r"rate ([0-9.]+) ", second)[1]) > float(re.search(r"rate ([0-9.]+) ", first)[1])
     page.run(click.format(2))
     until("a pin again", lambda: page.run(pinned) == "2")
-    page.run("document.querySelector('.dobc-row button').click()")
+    selected = "window.jupyterapp.shell.currentWidget.content.activeCellIndex"
+    page.run(f"{selected} = 0; document.querySelector('.dobc-gains input[type=range]').focus()")
+    for kind in ("keyDown", "keyUp"):  # of the slider, not of JupyterLab, which would go to the next cell
+        page.ask("Input.dispatchKeyEvent", type=kind, key="ArrowDown", code="ArrowDown", windowsVirtualKeyCode=40)
+    until(
+        "a smaller gain", lambda: page.run("document.querySelector('.dobc-gains input[type=number]').value") == "4.94"
+    )
+    assert page.run(selected) == 0
+    page.run("document.querySelector('.dobc-save').click()")
     until("the file", (tmp_path / "paper-fixed-designed.toml").exists)
     saved = load_problem(tmp_path / "paper-fixed-designed.toml")
     assert [saved.network.labels[i] for i in saved.pinning.agents] == ["2"]

@@ -147,7 +147,8 @@ def plot_errors(
     adds a line that falls like exp(-rate t) from the first error, a slope and no bound."""
     rows = look.thinned_rows(len(times))
     every = np.concatenate(list(errors.values()))
-    level = envelope is None and bool(every.max() < 10 * every.min())  # less than a decade: nothing falls
+    falls = any(values[-1] < values[0] for values in errors.values())
+    level = envelope is None and not falls and bool(every.max() < 10 * every.min())  # no decades to be shown
     ax.set_yscale("linear" if level else "log")
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
         shown = np.where(values[rows] > look.SMALLEST, values[rows], np.nan)

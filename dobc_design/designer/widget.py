@@ -62,7 +62,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
 
     ``problem``: Problem, path of a problem file, or name of a built-in problem; at most 200 agents, numbers as gains.
     ``rate``: the decay rate in 1/s that the previewed region has to have.  ``radius``: starts within this distance of
-    the target; default those of the problem's region, or as far as the slider says, 1, once it is moved.
+    the target; default those of the problem's region.
     Raises: SpecError for a problem that it cannot show.
     """
 
@@ -85,7 +85,6 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         _require_drawable(base)
         self._base = base
         self._working = threading.Lock()
-        self._seen: tuple[Network, dict[str, float], float, Preview] | None = None
         self.certificate: Certificate | None = None
         self._gains = {base.network.labels[i]: k[0][0] for i, k in base.pinning.gains.items()}
         self._arcs = {mode: [[i, j, number_text(w)] for i, j, w in arcs] for mode, arcs in base.network.modes.items()}
@@ -145,17 +144,11 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
 
     def _look(self) -> None:
         started = time.perf_counter()
-        gains, radius = dict(self.gains), self.radius
         t_final = float(self._base.simulation.t_final)
         try:
-            problem, before = self.problem, self._seen  # what a drag leaves as it is need not be computed again
-            same_gains = before[3] if before is not None and before[:2] == (problem.network, gains) else None
-            same_start = same_gains if before is not None and before[2] == radius else None
-            same = {"same_gains": same_gains, "same_start": same_start}
-            seen = preview(problem, radius=radius, rate=self.rate, t_final=t_final, **same)
-            self._seen = problem.network, gains, radius, seen
+            seen = preview(self.problem, radius=self.radius, rate=self.rate, t_final=t_final)
         except DobcError as error:
-            self._seen, seen = None, Preview(note=str(error))
+            seen = Preview(note=str(error))
         taken = {"version": self.version, "milliseconds": round(1000 * (time.perf_counter() - started))}
         self.numbers = asdict(seen) | taken
 
@@ -235,21 +228,10 @@ class Preview:
     note: str
 
 
-def preview(
-    problem: Problem,
-    *,
-    radius: float,
-    rate: float,
-    t_final: float,
-    same_gains: Preview | None = None,
-    same_start: Preview | None = None,
-) -> Preview:
-    """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s.  ``same_gains``: of this
-    problem with another radius or rate, whose lambda_max is taken over; ``same_start``: with another rate only, whose
-    response is taken over too."""
-    seen = _response(problem, radius, t_final) if same_start is None else same_start
-    top = _lambda_max(problem) if same_gains is None else same_gains.lambda_max
-    return replace(seen, lambda_max=top, reach=_reach(problem, radius, rate))
+def preview(problem: Problem, *, radius: float, rate: float, t_final: float) -> Preview:
+    """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s."""
+    seen = _response(problem, radius, t_final)
+    return replace(seen, lambda_max=_lambda_max(problem), reach=_reach(problem, radius, rate))
 
 
 def _lambda_max(problem: Problem) -> float | None:

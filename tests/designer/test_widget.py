@@ -128,7 +128,7 @@ def test_a_saved_file_is_the_problem(designer, tmp_path):
     assert again.problem == dd.load_problem(path)
 
 
-def test_what_a_drag_keeps_is_what_a_new_widget_would_compute(designer):
+def test_after_any_moves_the_estimates_are_those_of_a_new_widget(designer):
     """Estimates depend on the problem and the sliders, not on the order of the moves."""
     for name, value in (("rate", 0.2), ("radius", 2.5), ("rate", 0.1), ("gains", {"2": 4.0}), ("radius", 1.5)):
         setattr(designer, name, value)

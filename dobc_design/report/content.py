@@ -273,6 +273,7 @@ def _graphs(analysis: Analysis | None) -> Iterator[doc.Block]:
             doc.Column("not reached", lambda each: words.names_in_words(each[0].unreached, 6), 1.2),
             doc.Column("λmax(Λ) in 1/s", lambda each: number(each[1].lambda_max), 1.2, style="number"),
             doc.Column("decay in 1/s", lambda each: number(each[1].decay_rate), 1.2, style="number"),
+            cards=True,
         )
 
 

@@ -47,3 +47,4 @@ html_theme_options = {
     "footer_end": [],
     "secondary_sidebar_items": ["page-toc"],
 }
+extensions += ["accessible"]  # last: it names controls in the pages that were written

@@ -1,8 +1,9 @@
-// The drawing and the sliders. Everything that is a number comes from the kernel; nothing is loaded from anywhere.
+// The drawing, the sliders and the fields. Every result comes from the kernel; nothing is loaded from anywhere.
 const SVG = "http://www.w3.org/2000/svg";
-const SIZE = 380, MARGIN = 34, REST = 700; // px, px, ms without a move until the exact verdict is asked for
-const MOST_SLIDERS = 40, PATIENCE = 15000; // ms without a word from the kernel until the page says so
-const LOST = "The kernel does not answer; after a restart, run this cell again. Moves since the last estimates are not in the problem.";
+const SIZE = 380, MARGIN = 34, REST = 700; // px, px, ms without a change until the exact verdict is asked for
+const MOST_SLIDERS = 40, PATIENCE = 15000; // ms without an answer from the kernel until the page says so
+const LOST = "The kernel does not answer. After a restart run this cell again; changes that were not saved as a problem file are lost.";
+const KEYS = ["gains", "arcs", "radius", "rate"]; // what Undo brings back
 
 function made(parent, name, attributes = {}, text = "") {
   const element = name.startsWith("svg:")
@@ -18,87 +19,114 @@ function digits(value, count = 4) {
   return Math.abs(value) < 1e-12 ? "0" : Number(value).toPrecision(count).replace(/\.?0+(e|$)/, "$1");
 }
 
-function drawNetwork(holder, model, toggle) {
-  const { labels, places, arcs } = model.get("network");
-  const svg = made(holder, "svg:svg", { viewBox: `0 0 ${SIZE} ${SIZE}`, role: "group",
-    "aria-label": "Network: activate an agent to pin it or to let it go" });
+function ticks(top) { // 0 and some round numbers up to top
+  const power = 10 ** Math.floor(Math.log10(top / 4));
+  const step = [1, 2, 5, 10].map((each) => each * power).find((each) => top / each <= 5);
+  return Array.from({ length: Math.floor(top / step * (1 + 1e-9)) + 1 }, (_, k) => k * step);
+}
+
+function drawNetwork(holder, model, { pin, join, mode }) {
+  const { labels, places } = model.get("network");
+  const svg = made(holder, "svg:svg", { viewBox: `0 0 ${SIZE} ${SIZE}`, role: "group", "aria-label": "Network" });
   const id = `tip${Math.random().toString(36).slice(2)}`;
   const marker = made(made(svg, "svg:defs"), "svg:marker", { id, viewBox: "0 0 8 8", refX: 8, refY: 4,
     markerWidth: 7, markerHeight: 7, orient: "auto" });
   made(marker, "svg:path", { d: "M0 1 L8 4 L0 7 z", class: "dobc-tip" });
+  const arcs = made(svg, "svg:g");
   const size = labels.length > 60 ? 7 : labels.length > 25 ? 11 : 15;
   const at = (k) => places[k].map((c, axis) => SIZE / 2 + (axis ? -1 : 1) * c * (SIZE / 2 - MARGIN));
-  for (const [listener, speaker] of arcs) { // information runs from the speaker to the listener
-    const [x1, y1] = at(speaker), [x2, y2] = at(listener);
-    const length = Math.hypot(x2 - x1, y2 - y1) || 1;
-    const cut = (size + 2) / length;
-    made(svg, "svg:line", { x1: x1 + (x2 - x1) * cut, y1: y1 + (y2 - y1) * cut, x2: x2 - (x2 - x1) * cut,
-      y2: y2 - (y2 - y1) * cut, class: "dobc-arc", "marker-end": `url(#${id})` });
-  }
+  let from = null; // the agent on which the mouse went down
   const agents = labels.map((label, k) => {
     const [x, y] = at(k);
-    const group = made(svg, "svg:g", { tabindex: 0, role: "button", class: "dobc-agent", "data-agent": label });
+    const group = made(svg, "svg:g", { tabindex: k ? -1 : 0, role: "button", class: "dobc-agent", "data-agent": label });
     made(group, "svg:circle", { cx: x, cy: y, r: size });
-    made(group, "svg:text", { x, y, dy: "0.35em" }, label.length <= 3 ? label : label.slice(0, 2) + "…");
+    made(group, "svg:text", { x, y, dy: "0.35em", "aria-hidden": "true" }, label.length <= 3 ? label : label.slice(0, 2) + "…");
     made(group, "svg:title", {}, label);
-    group.addEventListener("click", () => toggle(label));
+    group.addEventListener("click", () => pin(label));
+    group.addEventListener("focus", () => agents.forEach((each) => each.setAttribute("tabindex", each === group ? 0 : -1)));
+    group.addEventListener("pointerdown", (event) => { from = k; event.preventDefault(); group.focus(); });
+    group.addEventListener("pointerup", () => { if (from !== null && from !== k) join(k, from); from = null; });
     group.addEventListener("keydown", (event) => {
-      if (event.key === "Enter" || event.key === " ") { event.preventDefault(); toggle(label); }
+      const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+      if (step) agents[(k + step + labels.length) % labels.length].focus();
+      else if (event.key === "Enter" || event.key === " ") pin(label);
+      else return;
+      event.preventDefault();
     });
     return group;
   });
-  return () => labels.forEach((label, k) => {
-    const gain = model.get("gains")[label];
-    agents[k].classList.toggle("dobc-pinned", gain !== undefined);
-    agents[k].setAttribute("aria-pressed", gain !== undefined);
-    agents[k].setAttribute("aria-label", `agent ${label}, ${gain === undefined ? "not pinned" : `gain ${digits(gain)}`}`);
-  });
-}
-
-function drawResponse(holder) {
-  const width = 380, height = 200, left = 46, bottom = 36;
-  const svg = made(holder, "svg:svg", { viewBox: `0 0 ${width} ${height}`, role: "img",
-    "aria-label": "Distance of every agent from its goal over time, without disturbances" });
-  return (numbers, radius) => {
-    svg.replaceChildren();
-    const { times, errors } = numbers;
-    const x = (t) => left + (width - left - 8) * t / (times[times.length - 1] || 1);
-    const top = 1.05 * Math.max(radius, ...errors.map((row) => Math.max(...row)), 1e-12);
-    const y = (e) => height - bottom - (height - bottom - 8) * Math.min(e, top) / top;
-    made(svg, "svg:line", { x1: left, y1: y(0), x2: width - 8, y2: y(0), class: "dobc-axis" });
-    made(svg, "svg:line", { x1: left, y1: y(0), x2: left, y2: y(top), class: "dobc-axis" });
-    for (const value of [0, radius]) made(svg, "svg:text", { x: left - 5, y: y(value), dy: "0.35em",
-      "text-anchor": "end" }, digits(value, 3));
-    if (times.length) {
-      made(svg, "svg:text", { x: width - 8, y: height - 20, "text-anchor": "end" }, `${digits(times[times.length - 1], 3)} s`);
-      for (const row of errors) made(svg, "svg:polyline", { class: "dobc-curve",
-        points: row.map((e, k) => `${x(times[k]).toFixed(1)},${y(e).toFixed(1)}`).join(" ") });
+  svg.addEventListener("pointerup", (event) => { if (!event.target.closest(".dobc-agent")) from = null; });
+  return () => {
+    arcs.replaceChildren();
+    for (const [listener, speaker] of model.get("arcs")[mode()] ?? []) { // information runs from the speaker to the listener
+      const [x1, y1] = at(speaker), [x2, y2] = at(listener);
+      const cut = (size + 2) / (Math.hypot(x2 - x1, y2 - y1) || 1);
+      made(arcs, "svg:line", { x1: x1 + (x2 - x1) * cut, y1: y1 + (y2 - y1) * cut, x2: x2 - (x2 - x1) * cut,
+        y2: y2 - (y2 - y1) * cut, class: "dobc-arc", "marker-end": `url(#${id})` });
     }
-    made(svg, "svg:text", { x: left, y: height - 5 }, "|x_i − goal_i| over time, network alone");
+    labels.forEach((label, k) => {
+      const gain = model.get("gains")[label];
+      agents[k].classList.toggle("dobc-pinned", gain !== undefined);
+      agents[k].setAttribute("aria-pressed", gain !== undefined);
+      agents[k].setAttribute("aria-label", `agent ${label}, ${gain === undefined ? "not pinned" : `gain ${digits(gain)} 1/s`}`);
+    });
   };
 }
 
-function slider(parent, text, unit, [low, high], get, set) {
-  // A logarithmic scale: the hand says a factor.
-  const row = made(parent, "label", { class: "dobc-row" });
+function drawResponse(holder) {
+  const width = 380, height = 210, left = 46, right = 14, bottom = 40, upper = 20;
+  const svg = made(holder, "svg:svg", { viewBox: `0 0 ${width} ${height}`, role: "img",
+    "aria-label": "Distance of every agent from its goal over time, without disturbance" });
+  return ({ times, errors }, radius, pinned) => {
+    svg.replaceChildren();
+    const end = times[times.length - 1] || 1;
+    const top = 1.05 * Math.max(radius, ...errors.map((row) => Math.max(...row)), 1e-12);
+    const x = (t) => left + (width - left - right) * t / end;
+    const y = (e) => height - bottom - (height - bottom - upper) * Math.min(e, top) / top;
+    made(svg, "svg:text", { x: 2, y: 11 }, "distance from the goal, in the unit of x");
+    for (const value of ticks(top)) {
+      made(svg, "svg:line", { x1: left, y1: y(value), x2: width - right, y2: y(value), class: value ? "dobc-grid" : "dobc-axis" });
+      made(svg, "svg:text", { x: left - 6, y: y(value), dy: "0.35em", "text-anchor": "end" }, digits(value, 3));
+    }
+    for (const value of ticks(end)) {
+      made(svg, "svg:line", { x1: x(value), y1: y(0), x2: x(value), y2: y(0) + 4, class: "dobc-axis" });
+      made(svg, "svg:text", { x: x(value), y: y(0) + 16, "text-anchor": "middle", class: "dobc-time" }, digits(value, 3));
+    }
+    made(svg, "svg:text", { x: (left + width - right) / 2, y: height - 6, "text-anchor": "middle" }, "time in s");
+    errors.forEach((row, k) => made(svg, "svg:polyline", { class: `dobc-curve${pinned[k] ? " dobc-pinned" : ""}`,
+      points: row.map((e, i) => `${x(times[i]).toFixed(1)},${y(e).toFixed(1)}`).join(" ") }));
+  };
+}
+
+function legend(parent, items) { // [class, what it means]
+  const row = made(parent, "div", { class: "dobc-legend" });
+  for (const [kind, text] of items) made(made(row, "span"), "span", { class: `dobc-key ${kind}`, "aria-hidden": "true" })
+    .after(` ${text}`);
+}
+
+function field(parent, text, unit, [low, high], get, set) {
+  // A slider on a logarithmic scale and a number to be typed: the same value.
+  const row = made(parent, "div", { class: "dobc-row" });
   made(row, "span", {}, text);
-  const input = made(row, "input", { type: "range", min: 0, max: 1000 });
-  const shown = made(row, "output");
+  const slider = made(row, "input", { type: "range", min: 0, max: 1000, "aria-label": text });
+  const number = made(row, "input", { type: "number", min: 0, step: "any", "aria-label": `${text}, ${unit}` });
+  made(row, "span", { class: "dobc-unit" }, unit);
   const place = (value) => 1000 * Math.log(value / low) / Math.log(high / low);
-  input.addEventListener("input", () => {
-    const value = Number((low * (high / low) ** (input.value / 1000)).toPrecision(3));
-    shown.textContent = `${digits(value)} ${unit}`;
-    set(value);
-  });
+  slider.addEventListener("input", () => set(Number((low * (high / low) ** (slider.value / 1000)).toPrecision(3)), slider));
+  slider.addEventListener("change", () => set(get(), null));
+  number.addEventListener("change", () => set(Number(number.value), null));
   return () => {
-    if (document.activeElement !== input) input.value = place(Math.min(high, Math.max(low, get())));
-    shown.textContent = `${digits(get())} ${unit}`;
+    slider.value = place(Math.min(high, Math.max(low, get())));
+    slider.setAttribute("aria-valuetext", `${digits(get())} ${unit}`);
+    number.value = digits(get(), 12);
   };
 }
 
 function render({ model, el }) {
   el.classList.add("dobc-designer");
-  let waiting = null, rest = null, pending = false, lost = null;
+  el.setAttribute("data-lm-suppress-shortcuts", "true"); // else JupyterLab takes the arrow keys
+  const labels = model.get("network").labels, past = [], future = [];
+  let waiting = null, rest = null, pending = false, lost = null, gesture = null;
   const expect = () => { // the kernel may be gone: what stands here would wait for ever
     clearTimeout(lost);
     lost = setTimeout(() => {
@@ -111,94 +139,152 @@ function render({ model, el }) {
     clearTimeout(rest);
     rest = setTimeout(() => { model.send({ kind: "certify", version: model.get("version") }); expect(); }, REST);
   };
-  const flush = () => { // at most one question is under way; what was moved meanwhile goes with the next one
+  const flush = () => { // at most one question is under way; what was changed meanwhile goes with the next one
     if (pending || !waiting) return;
     for (const [key, value] of Object.entries(waiting)) model.set(key, value);
     waiting = null;
     pending = true;
     expect();
     model.save_changes();
-  };
-  const move = (key, value) => {
-    if (JSON.stringify(model.get(key)) === JSON.stringify(value)) return;
-    waiting = { ...waiting, [key]: value };
-    verdict.className = "dobc-verdict dobc-moving";
-    verdict.textContent = "The exact verdict comes when you rest.";
-    clearTimeout(rest);
-    flush();
+    refresh();
   };
   const current = (key) => (waiting && key in waiting ? waiting[key] : model.get(key));
-  const toggle = (label) => {
+  const state = () => Object.fromEntries(KEYS.map((key) => [key, current(key)]));
+  const put = (changes) => {
+    const told = Object.entries(changes).filter(([key, value]) => JSON.stringify(current(key)) !== JSON.stringify(value));
+    if (!told.length) return false;
+    waiting = { ...waiting, ...Object.fromEntries(told) };
+    verdict.className = "dobc-verdict dobc-moving";
+    verdict.textContent = "The exact verdict follows after a short rest.";
+    clearTimeout(rest);
+    flush();
+    return true;
+  };
+  const change = (key, value, by = null) => { // one drag of a slider is one step of Undo
+    const before = state();
+    if (put({ [key]: value }) && (by === null || by !== gesture)) { past.push(before); future.length = 0; }
+    gesture = by;
+    refresh();
+  };
+  const step = (here, there) => { if (here.length) { there.push(state()); put(here.pop()); gesture = null; refresh(); } };
+  const positive = (key, wrap) => (value, by) => {
+    if (value > 0 && Number.isFinite(value)) { said.textContent = ""; change(key, wrap(value), by); }
+    else { said.textContent = "Type a number above 0."; refresh(); }
+  };
+  const pin = (label) => {
     const gains = { ...current("gains") };
     if (label in gains) delete gains[label]; else gains[label] = model.get("network").gain;
-    move("gains", gains);
+    change("gains", gains);
+  };
+  const listens = (listener, speaker) => current("arcs")[mode()].some(([i, j]) => i === listener && j === speaker);
+  const join = (listener, speaker) => { // adds the arc, or removes it where there is one
+    if (listener === speaker) { said.textContent = "An agent does not listen to itself."; return; }
+    const arcs = current("arcs"), own = arcs[mode()], there = listens(listener, speaker);
+    change("arcs", { ...arcs, [mode()]: there ? own.filter(([i, j]) => i !== listener || j !== speaker) : [...own, [listener, speaker, "1"]] });
   };
 
   const left = made(el, "div", { class: "dobc-left" }), right = made(el, "div", { class: "dobc-right" });
   made(left, "div", { class: "dobc-title" }, model.get("network").name);
-  const network = drawNetwork(left, model, toggle);
-  made(left, "div", { class: "dobc-hint" }, "Click an agent to pin it to the target, again to let it go. Arrows show who is heard by whom.");
+  const choice = (parent, names, name) => {
+    const select = made(parent, "select", { "aria-label": name });
+    names.forEach((text, k) => made(select, "option", { value: k }, text));
+    select.addEventListener("change", () => refresh());
+    return select;
+  };
+  const modes = Object.keys(model.get("arcs"));
+  const modeRow = made(left, "div", { class: "dobc-row" }, modes.length > 1 ? "Mode " : "");
+  const modeChoice = choice(modeRow, modes, "Mode shown");
+  if (modes.length < 2) modeChoice.remove();
+  const mode = () => modes[Number(modeChoice.value)];
+  const network = drawNetwork(left, model, { pin, join, mode });
+  legend(left, [["dobc-dot dobc-on", "pinned: knows the target"], ["dobc-dot", "not pinned"], ["dobc-arrow", "information flows along the arrow"]]);
+  const arcRow = made(left, "div", { class: "dobc-row" }, "Agent");
+  const listener = choice(arcRow, labels, "Listening agent");
+  arcRow.append("listens to");
+  const speaker = choice(arcRow, labels, "Agent that is heard");
+  if (labels.length > 1) speaker.value = 1;
+  const arcButton = made(arcRow, "button", { class: "dobc-join" });
+  arcButton.addEventListener("click", () => join(Number(listener.value), Number(speaker.value)));
+  made(left, "div", { class: "dobc-hint" }, "Click an agent to pin it, again to unpin it. Drag from one agent to another to add or remove an arc. Arrow keys go from agent to agent; Enter pins.");
 
   const verdict = made(right, "div", { class: "dobc-verdict", role: "status", "aria-live": "polite" });
   const numbers = made(right, "div", { class: "dobc-numbers" });
   const start = Math.max(model.get("radius"), 1e-3);
   const fixed = [
-    slider(right, "starts within", "of the target", [start / 50, start * 50], () => current("radius"), (v) => move("radius", v)),
-    slider(right, "preview at rate", "1/s", [0.001, 10], () => current("rate"), (v) => move("rate", v)),
+    field(right, "starts within", "of the target", [start / 50, start * 50], () => current("radius"), positive("radius", (v) => v)),
+    field(right, "wanted rate", "1/s", [0.001, 10], () => current("rate"), positive("rate", (v) => v)),
   ];
   const gains = made(right, "div", { class: "dobc-gains" });
   const response = drawResponse(right);
+  legend(right, [["dobc-line dobc-on", "pinned"], ["dobc-line", "not pinned"]]);
+  const tools = made(right, "div", { class: "dobc-row" });
+  const button = (text, act) => { const made_ = made(tools, "button", {}, text); made_.addEventListener("click", act); return made_; };
+  const undo = button("Undo", () => step(past, future)), redo = button("Redo", () => step(future, past));
+  button("Copy as Python", () => model.send({ kind: "python" }));
   const saving = made(right, "div", { class: "dobc-row" });
   const path = made(saving, "input", { type: "text", value: `${model.get("network").name}-designed.toml`, "aria-label": "Name of the problem file" });
-  const save = made(saving, "button", {}, "Save as problem file");
+  const save = made(saving, "button", { class: "dobc-save" }, "Save as problem file");
   const again = made(saving, "label");
   const replace = made(again, "input", { type: "checkbox" });
   again.append(" replace");
-  const saved = made(right, "div", { class: "dobc-hint", role: "status" });
+  const said = made(right, "div", { class: "dobc-hint", role: "status" });
+  const source = made(right, "textarea", { class: "dobc-source", readonly: "", hidden: "", rows: 8, "aria-label": "The problem as Python" });
   save.addEventListener("click", () => model.send({ kind: "save", path: path.value, replace: replace.checked }));
+  el.addEventListener("keydown", (event) => {
+    event.stopPropagation();
+    const typing = event.target.closest("textarea, input[type=text], input[type=number]");
+    if (typing || !(event.ctrlKey || event.metaKey) || !"zy".includes(event.key.toLowerCase())) return;
+    event.preventDefault();
+    if (event.key === "z") step(past, future); else step(future, past);
+  });
 
   let rows = {};
-  const showGains = () => {
-    const wanted = Object.keys(model.get("gains")).slice(0, MOST_SLIDERS);
-    if (wanted.join("\n") !== Object.keys(rows).join("\n")) {
+  const refresh = () => {
+    const all = Object.keys(current("gains")), wanted = all.slice(0, MOST_SLIDERS);
+    if (!wanted.length || wanted.join("\n") !== Object.keys(rows).join("\n")) {
       gains.replaceChildren();
       rows = {};
       if (!wanted.length) made(gains, "div", { class: "dobc-hint" }, "No agent is pinned.");
-      for (const label of wanted) rows[label] = slider(gains, `gain of ${label}`, "1/s", [0.01, 1000],
-        () => current("gains")[label] ?? 1, (v) => move("gains", { ...current("gains"), [label]: v }));
+      for (const label of wanted) rows[label] = field(gains, `gain of ${label}`, "1/s", [0.01, 1000],
+        () => current("gains")[label] ?? 1, positive("gains", (v) => ({ ...current("gains"), [label]: v })));
+      if (all.length > wanted.length) made(gains, "div", { class: "dobc-hint" }, `${wanted.length} of ${all.length} gains are shown.`);
     }
-    Object.values(rows).forEach((refresh) => refresh());
-    network();
+    [...Object.values(rows), ...fixed, network].forEach((each) => each());
+    arcButton.textContent = listens(Number(listener.value), Number(speaker.value)) ? "Remove arc" : "Add arc";
+    undo.disabled = !past.length;
+    redo.disabled = !future.length;
   };
   const showNumbers = () => {
-    const found = model.get("numbers"), radius = model.get("radius");
-    const top = found.lambda_max === null ? "is left out: h may have a kink" : `${digits(found.lambda_max)} 1/s`;
-    const held = found.lambda_max !== null && found.lambda_max < 0;
+    const found = model.get("numbers"), radius = model.get("radius"), top = found.lambda_max;
     numbers.replaceChildren();
-    made(numbers, "div", {}, `λmax(Λ) ${found.lambda_max === null ? "" : "about "}${top}${found.lambda_max === null ? "" : held ? ", negative: Lemma 1 may hold" : ", not negative: Lemma 1 fails"}`);
+    made(numbers, "div", {}, top === null ? "λmax(Λ) is left out: h may have a kink at 0."
+      : `λmax(Λ) is about ${digits(top).replace("-", "−")} 1/s: ${top < 0 ? "negative, so Lemma 1 may hold." : "not negative, so Lemma 1 fails."}`);
     made(numbers, "div", {}, found.reach > 0
-      ? `At this rate the box |e| ≤ ${digits(found.reach, 3)} seems to shrink${found.reach >= radius ? ": all you ask for" : `; you ask for ${digits(radius, 3)}`}.`
-      : "No box is found that shrinks at this rate.");
+      ? `At the wanted rate, starts within ${digits(found.reach, 3)} of the target should converge${found.reach >= radius ? "" : `; asked for: ${digits(radius, 3)}`}.`
+      : "At the wanted rate no region is found.");
     if (found.note) made(numbers, "div", {}, found.note);
-    made(numbers, "div", { class: "dobc-hint" }, `estimates, ${found.milliseconds} ms`);
-    response(found, radius);
+    made(numbers, "div", { class: "dobc-hint" }, `Estimates for the network without the observer, ${found.milliseconds} ms.`);
+    response(found, radius, labels.map((label) => label in model.get("gains")));
   };
   const showVerdict = () => {
     clearTimeout(lost);
-    const said = model.get("verdict");
-    verdict.className = `dobc-verdict dobc-${said.verdict ?? "moving"}`;
-    verdict.textContent = said.busy ? "Deciding exactly …"
-      : said.verdict ? `${said.verdict.toUpperCase()}${said.rate ? `, rate ${said.rate} 1/s` : ""}. ${said.text}`
-      : "The exact verdict comes when you rest.";
+    const found = model.get("verdict");
+    verdict.className = `dobc-verdict dobc-${found.verdict ?? "moving"}`;
+    verdict.textContent = found.busy ? "Deciding exactly …"
+      : found.verdict ? `${found.verdict.toUpperCase()}${found.rate ? `, rate ${found.rate} 1/s` : ""}. ${found.text}`
+      : "The exact verdict follows after a short rest.";
   };
   const answered = () => { pending = false; clearTimeout(lost); showNumbers(); if (waiting) flush(); else rested(); };
   model.on("change:numbers", answered);
-  model.on("change:gains", showGains);
-  model.on("change:radius change:rate", () => fixed.forEach((refresh) => refresh()));
+  model.on("change:gains change:arcs change:radius change:rate", refresh);
   model.on("change:verdict", showVerdict);
-  model.on("msg:custom", (message) => { if (message.kind === "saved") saved.textContent = message.text; });
-  fixed.forEach((refresh) => refresh());
-  showGains();
+  model.on("msg:custom", ({ kind, text }) => {
+    if (kind !== "python") { said.textContent = text; return; }
+    source.hidden = false;
+    source.value = text;
+    navigator.clipboard?.writeText(text).then(() => { said.textContent = "Copied."; }, () => source.select());
+  });
+  refresh();
   showNumbers();
   showVerdict();
   if (!model.get("verdict").verdict) rested();

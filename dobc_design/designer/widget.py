@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from os import PathLike
@@ -24,11 +24,13 @@ from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.conditions.separable.claim import acts_by_component, find_ordering
 from dobc_design.conditions.separable.propose import field_of, least_above
+from dobc_design.designer.source import python_source
 from dobc_design.errors import DobcError, SpecError
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.report.figures import positions
 from dobc_design.simulation.runs import simulate
@@ -44,7 +46,6 @@ except ImportError as error:
 FOLDER = Path(__file__).parent
 LARGEST = 200  # agents that a drawing to be clicked holds
 GAIN = 5.0  # 1/s, of an agent that is clicked
-DIGITS = 6  # of what a slider says
 HALVINGS = 7
 SCALES = 8  # sizes of the box, down to the smallest, at which it has to shrink
 SMALLEST = 1 / 64  # of the radius asked for: below that nothing is shown
@@ -52,15 +53,16 @@ POINTS = 120  # of a curve
 
 
 class Designer(anywidget.AnyWidget):  # type: ignore[misc]
-    """A problem to be changed by hand: click agents to pin them, drag gains, rate and region.
+    """A problem to be changed by hand: pin agents, set gains, rate and region, add and remove arcs.
 
-    Numbers in floating point follow the hand; the exact verdict comes when it rests.  ``problem`` is the problem as it
-    stands now, ``certificate`` that of the last exact verdict, or None if something was moved since.  ``save`` writes a
-    problem file.  Nothing else is kept: a new kernel and the same clicks give the same problem.
+    Estimates in floating point follow every change; the exact verdict comes after a short rest.  ``problem`` is the
+    problem as it stands now, equal to the one given until something is changed; ``certificate`` is that of the last
+    exact verdict, or None if something was changed since.  ``save`` writes a problem file: after a restart of the
+    kernel, ``Designer(path)`` goes on from it.  ``python_source(designer.problem)`` is the problem as Python.
 
     ``problem``: Problem, path of a problem file, or name of a built-in problem; at most 200 agents, numbers as gains.
     ``rate``: the decay rate in 1/s that the previewed region has to have.  ``radius``: starts within this distance of
-    the target to begin with; default what the problem's region has, else 1.
+    the target; default those of the problem's region.
     Raises: SpecError for a problem that it cannot show.
     """
 
@@ -68,10 +70,11 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
     _css = FOLDER / "designer.css"
 
     network = traitlets.Dict().tag(sync=True)
+    arcs = traitlets.Dict().tag(sync=True)  # mode -> [listener, speaker, weight as text], counted from 0
     gains = traitlets.Dict().tag(sync=True)  # label -> k in 1/s, of pinned agents
     rate = traitlets.Float(0.05).tag(sync=True)
     radius = traitlets.Float(1.0).tag(sync=True)
-    version = traitlets.Int(0).tag(sync=True)  # counts what the hand did
+    version = traitlets.Int(0).tag(sync=True)  # counts the changes
     numbers = traitlets.Dict().tag(sync=True)
     verdict = traitlets.Dict().tag(sync=True)
 
@@ -82,24 +85,35 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         _require_drawable(base)
         self._base = base
         self._working = threading.Lock()
-        self._seen: tuple[dict[str, float], float, Preview] | None = None
         self.certificate: Certificate | None = None
-        labels = base.network.labels
+        self._gains = {base.network.labels[i]: k[0][0] for i, k in base.pinning.gains.items()}
+        self._arcs = {mode: [[i, j, number_text(w)] for i, j, w in arcs] for mode, arcs in base.network.modes.items()}
         super().__init__(
             network=_drawn(base),
-            gains={labels[i]: float(k[0][0]) for i, k in base.pinning.gains.items()},
+            arcs=self._arcs,
+            gains={label: float(k) for label, k in self._gains.items()},
             rate=float(rate),
             radius=_radius(base) if radius is None else float(radius),
         )
-        self.observe(self._moved, ["gains", "rate", "radius"])
+        self.observe(self._moved, ["arcs", "gains", "rate", "radius"])
         self.on_msg(self._asked)
         self._look()
 
     @property
     def problem(self) -> Problem:
-        """The problem as it stands now.  Raises: SpecError for a gain or a radius that is none."""
-        gains = {label: exact(value) for label, value in self.gains.items()}
-        return remade(self._base, {"gains": gains, "region": _region(self._base, exact(self.radius))})
+        """The problem as it stands now.  Raises: SpecError for an arc, a gain or a radius that is none."""
+        base, changes = self._base, dict[str, Any]()
+        given = {label: k for label, k in self._gains.items() if float(k) == self.gains.get(label)}  # 1/3 stays 1/3
+        changes["gains"] = {label: given.get(label) or exact(value) for label, value in self.gains.items()}
+        if self.radius != _radius(base):
+            changes["region"] = _region(base, exact(self.radius))
+        if self.arcs != self._arcs:
+            labels = base.network.labels
+            arcs = {mode: [[labels[i], labels[j], w] for i, j, w in each] for mode, each in self.arcs.items()}
+            changes["network"] = network = Network.from_arcs(arcs, arrow="listens_to", agents=labels)
+            there = {(i, j) for each in network.modes.values() for i, j, _ in each}
+            changes["exceptions"] = {arc: h for arc, h in base.exceptions.items() if arc in there}
+        return base.replace(**changes)
 
     def certify(self) -> Certificate:
         """Decide the problem as it stands, exactly, show the verdict, and return the certificate."""
@@ -117,7 +131,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         """Write the problem as a TOML file.  Raises: SpecError if the file is there, unless ``force``."""
         target = Path(path)
         if target.exists() and not force:
-            raise SpecError(f"{target} is there already.", key="path", cure="Choose another name, or force=True.")
+            cure = "Choose another name, or tick replace (in Python: force=True)."
+            raise SpecError(f"{target} is there already.", key="path", cure=cure)
         write_atomically(target, problem_text(self.problem).encode())
         return target
 
@@ -129,17 +144,11 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
 
     def _look(self) -> None:
         started = time.perf_counter()
-        gains, radius = dict(self.gains), self.radius
-        before = self._seen  # what a drag leaves as it is need not be computed again
-        same_gains = before[2] if before is not None and before[0] == gains else None
-        same_start = same_gains if before is not None and before[1] == radius else None
         t_final = float(self._base.simulation.t_final)
-        same = {"same_gains": same_gains, "same_start": same_start}
         try:
-            seen = preview(self.problem, radius=radius, rate=self.rate, t_final=t_final, **same)
-            self._seen = gains, radius, seen
+            seen = preview(self.problem, radius=self.radius, rate=self.rate, t_final=t_final)
         except DobcError as error:
-            self._seen, seen = None, Preview(note=str(error))
+            seen = Preview(note=str(error))
         taken = {"version": self.version, "milliseconds": round(1000 * (time.perf_counter() - started))}
         self.numbers = asdict(seen) | taken
 
@@ -147,13 +156,13 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         kind = content.get("kind") if isinstance(content, dict) else None
         if kind == "certify" and content.get("version") == self.version:
             threading.Thread(target=self._certify_quietly, daemon=True).start()
-        elif kind == "save":
-            path, force = str(content.get("path", "")), content.get("replace") is True
+        elif kind in ("save", "python"):
             try:
-                if Path(path).exists() and not force:
-                    cure = "Choose another name, or tick replace."
-                    raise SpecError(f"{path} is there already.", key="path", cure=cure)
-                self.send({"kind": "saved", "text": f"Saved as {self.save(path, force=force)}."})
+                if kind == "python":
+                    self.send({"kind": "python", "text": python_source(self.problem)})
+                else:
+                    path = str(self.save(str(content.get("path", "")), force=content.get("replace") is True))
+                    self.send({"kind": "saved", "text": f"Saved. To open it again: dd.Designer({path!r})"})
             except (DobcError, OSError) as error:
                 self.send({"kind": "saved", "text": str(error)})
 
@@ -165,8 +174,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
 
 
 def exact(value: float) -> Fraction:
-    """What a slider says, to six digits: 0.1 is 1/10."""
-    return parse_number(f"{value:.{DIGITS}g}", key="value")
+    """The number as it was typed: 0.1 is 1/10."""
+    return parse_number(repr(float(value)), key="value")
 
 
 def _require_drawable(problem: Problem) -> None:
@@ -184,10 +193,8 @@ def _drawn(problem: Problem) -> dict[str, Any]:
     return {
         "name": problem.name,
         "labels": list(problem.network.labels),
-        "arcs": [list(pair) for pair in pairs],
         "places": positions(pairs, problem.n).round(4).tolist(),
         "gain": GAIN,
-        "modes": list(problem.network.modes),
     }
 
 
@@ -200,12 +207,10 @@ def _radius(problem: Problem) -> float:
 
 def _region(problem: Problem, radius: Fraction) -> dict[str, Any]:
     """Starts within ``radius`` of the target, in every component; the bound on the estimation error stays as it was."""
-    disturbance = None if problem.region is None else problem.region.initial_disturbance
-    if problem.groups and disturbance is None:
-        disturbance = Fraction(0)
     states = [[target - radius, target + radius] for target in problem.target]
-    region: dict[str, Any] = {"initial_states": states[0] if problem.m == 1 else states}
-    return region | ({} if disturbance is None else {"initial_disturbance": disturbance})
+    missing = problem.groups and (problem.region is None or problem.region.initial_disturbance is None)
+    region: dict[str, Any] = {"initial_disturbance": 0} if missing else {}
+    return region | {"initial_states": states[0] if problem.m == 1 else states}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,21 +228,10 @@ class Preview:
     note: str
 
 
-def preview(
-    problem: Problem,
-    *,
-    radius: float,
-    rate: float,
-    t_final: float,
-    same_gains: Preview | None = None,
-    same_start: Preview | None = None,
-) -> Preview:
-    """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s.  ``same_gains``: of this
-    problem with another radius or rate, whose lambda_max is taken over; ``same_start``: with another rate only, whose
-    response is taken over too."""
-    seen = _response(problem, radius, t_final) if same_start is None else same_start
-    top = _lambda_max(problem) if same_gains is None else same_gains.lambda_max
-    return replace(seen, lambda_max=top, reach=_reach(problem, radius, rate))
+def preview(problem: Problem, *, radius: float, rate: float, t_final: float) -> Preview:
+    """Estimate everything.  ``radius`` in the unit of x, ``rate`` in 1/s, ``t_final`` in s."""
+    seen = _response(problem, radius, t_final)
+    return replace(seen, lambda_max=_lambda_max(problem), reach=_reach(problem, radius, rate))
 
 
 def _lambda_max(problem: Problem) -> float | None:
@@ -281,7 +275,8 @@ def _response(problem: Problem, radius: float, t_final: float) -> Preview:
     """The network without disturbances, from a start on the box's boundary that is the same every time."""
     goals = np.array([[float(value) for value in problem.goal_of(agent)] for agent in range(problem.n)])
     start = goals + radius * np.random.default_rng(0).choice((-1.0, -0.5, 0.5, 1.0), size=goals.shape)
-    alone = remade(problem, dict.fromkeys(("exosystem", "observer", "groups", "region", "switching", "simulation")))
+    unused = ("exosystem", "observer", "groups", "region", "switching", "simulation")
+    alone = problem.replace(**dict.fromkeys(unused))
     mode = next(iter(problem.network.modes))
     try:
         run = simulate(alone, mode=mode, start={"x": start}, t_final=t_final, samples=POINTS, tolerance=1e-5)
@@ -291,10 +286,3 @@ def _response(problem: Problem, radius: float, t_final: float) -> Preview:
     rows = [[float(f"{value:.4g}") for value in row] for row in errors.T]
     times = [float(f"{t:.4g}") for t in run.times]
     return Preview(times=times, errors=rows, note=run.reason if run.diverged else "")
-
-
-def remade(problem: Problem, changes: Mapping[str, Any]) -> Problem:
-    """The problem with some arguments of its constructor replaced.  Raises: SpecError as that does."""
-    remake, (given,) = problem.__reduce__()
-    made: Problem = remake(given | dict(changes))
-    return made

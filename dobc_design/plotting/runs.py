@@ -165,7 +165,10 @@ def plot_errors(
     """Errors on a logarithmic axis, each (T,) with its name, and the certified envelope.  Without one ``rate`` (1/s)
     adds a line that falls like exp(-rate t) from the first error, a slope and no bound."""
     rows = look.thinned_rows(len(times))
-    ax.set_yscale("log")
+    every = np.concatenate(list(errors.values()))
+    falls = any(values[-1] < values[0] for values in errors.values())
+    level = envelope is None and not falls and bool(every.max() < 10 * every.min())  # no decades to be shown
+    ax.set_yscale("linear" if level else "log")
     for (name, values), colour in zip(errors.items(), (BLUE, PURPLE, GREEN), strict=False):
         shown = np.where(values[rows] > look.SMALLEST, values[rows], np.nan)
         ax.plot(times[rows], shown, color=colour, label=name, marker=_marker(rows))
@@ -176,7 +179,10 @@ def plot_errors(
         slope = error[0] * np.exp(np.clip(-rate * (times[rows] - times[0]), -700, 0))
         visible = slope > max(0.5 * float(np.nanmin(error)), look.SMALLEST)
         _draw_bound(ax, times[rows], np.where(visible, slope, np.nan), "slope of the certified rate")
-    _decades(ax)
+    if level:
+        ax.set_ylim(0, 1.1 * float(every.max()))
+    else:
+        _decades(ax)
     ax.set_ylabel("errors\nin the unit of x")
     return look.legend_above(ax, right=True)
 

@@ -21,7 +21,6 @@ from dobc_design.verdict import Verdict
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
 MOST_ROWS = 150
 MOST_ENTRIES = 24  # of a vector
-LONGEST_NUMBER = 24
 POINTER = "named above."  # where the cure of a check is part of the main one
 _ORDER = (Verdict.REFUTED, Verdict.UNDECIDED, Verdict.PROVED)
 _EXACT = {"bound": "λmax(Λ) must be below", "value": "v′Λv", "routh": "first column of Routh’s table"}
@@ -79,12 +78,16 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
     yield doc.Section(head, blocks, "cure", "Cure")
 
 
-def checks_section(checks: Sequence[Check]) -> doc.Section:
-    """Every check with its verdict, numbers and reason."""
+def checks_section(checks: Sequence[Check], *, proved: bool = False) -> doc.Section:
+    """Every check with its verdict, numbers and reason.  ``proved``: the overall verdict is, whatever else failed."""
     rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
     cut = "Margins and rates are in 1/s and cut towards zero: they hold as printed."
     blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)), *_checks_table(checks))
-    return doc.Section(f"Checks: {words.verdict_counts(checks) or 'none'}", blocks, "checks", "Checks")
+    counts = words.verdict_counts(checks) or "none"
+    failed = sum(check.verdict is not Verdict.PROVED for check in checks)
+    if proved and failed:
+        counts = f"{len(checks) - failed} proved, {failed} not needed"
+    return doc.Section(f"Checks: {counts}", blocks, "checks", "Checks")
 
 
 def _kinds(checks: Sequence[Check]) -> list[Any]:
@@ -127,7 +130,7 @@ def _reason(check: Check, own_cure: bool) -> doc.Reason:
     details = [*_exact(check)] + ([] if check.witness is None else [_witness(check.witness, check.id)])
     fix = check.fix
     return doc.Reason(
-        text=words.capitalize_first(words.shortened(check.reason)),
+        text=words.sentence(words.shortened(check.reason)),
         details=details,
         cure=None if fix is None else words.shortened(fix.text) if own_cure else POINTER,
         lines=_fix_lines(fix) if fix is not None and own_cure else (),
@@ -175,14 +178,9 @@ def _entries(values: Sequence[Any]) -> str:
 
 
 def _number(text: str) -> str:
-    """A long rational is shortened and marked as such; other texts are only cut."""
-    if len(text) <= LONGEST_NUMBER:
-        return text
-    numerator, _, denominator = text.partition("/")
-    try:
-        return f"≈ {int(numerator) / int(denominator or 1):.6g}"
-    except (ValueError, OverflowError, ZeroDivisionError):
-        return words.shortened(text, 80)
+    """A rational in decimals, five digits of it; other texts are only cut.  The exact one is in certificate.json."""
+    value = words.rational(text)
+    return words.shortened(text, 80) if value is None else words.decimal(value)
 
 
 def trace_section(checks: Sequence[Check]) -> doc.Section:
@@ -192,7 +190,7 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
         _kinds(checks),
         doc.Column("check", lambda kind: f"{kind.name} ({kind.id})", 1.2, only=doc.TEXTS),
         doc.Column("check", lambda kind: doc.Name((kind.name,), id=kind.id), 1.2, only=doc.PAGES),
-        doc.Column("condition in words", lambda kind: kind.meaning, 1.9),
+        doc.Column("condition in words", lambda kind: words.sentence(kind.meaning), 1.9),
         doc.Column("where it stands", lambda kind: kind.source, 1.2),
         doc.Column("decided in", lambda kind: ", ".join(kind.decided_in), 1.4, style="code"),
         doc.Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from dobc_design._show.text import latex_matrix, latex_number, lower
+from dobc_design._show.text import latex_decimal, latex_matrix, latex_number, lower
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
@@ -30,7 +30,9 @@ LONGEST_NAME = 70  # characters, in the footer of a printed page
 MOST_GRAPHS, MOST_SPECTRA = 12, 40  # rows
 MOST_EIGENVALUES, MOST_SAMPLES, MOST_LAMBDAS = 8, 9, 6
 LONGEST_VECTOR = 12
-_ALSO = "A cure for the check that failed"
+_ALSO = "Optional changes"
+_REGION, _DESIGN = "dobc region problem.json", "dobc design problem.json --out designed.toml"
+_HELP = "What would help: "  # in the reason of an undecided certificate
 _WORDS = (
     (
         "margin",
@@ -92,7 +94,7 @@ def report_document(
         verdict=doc.Box(
             mark=mark,
             word=verdict.value.capitalize(),
-            reason=certificate.reason.removeprefix("Undecided: "),
+            reason=words.sentence(certificate.reason.removeprefix("Undecided: ").partition(_HELP)[0].strip()),
             facts=facts,
         ),
         identity=identity,
@@ -112,7 +114,7 @@ def report_document(
             *settling_section(certificate.settling, timings, tuple(pictures.envelope_pictures(certificate.settling))),
             *_searches(searches),
             *(replace(each, title=_ALSO) for each in checks.cure_section(certificate.checks) if proved),
-            checks.checks_section(certificate.checks),
+            checks.checks_section(certificate.checks, proved=proved),
             _condition(certificate, lambdas or {}),
             *_eigenvalues(certificate, analysis),
             *_simulation(certificate, trajectory),
@@ -146,7 +148,9 @@ def _loop(certificate: Certificate) -> doc.Section:
     notes = certificate.claims.notes[:MOST_NOTES]
     shown: tuple[doc.Block, ...] = (doc.Pictures(drawn, small=True), doc.Text(legend, "caption"))
     facts: tuple[doc.Block, ...] = (doc.Facts(words.loop_facts(certificate)),)
-    facts += tuple(doc.Text(f"Look at this: {remark}", "warning") for remark in remarks(certificate.problem))
+    facts += tuple(
+        doc.Text(words.sentence(f"Look at this: {remark}"), "warning") for remark in remarks(certificate.problem)
+    )
     given = (doc.Section("Given and assumed", (doc.List(notes),)),) if notes else ()
     both = (doc.Beside((shown, (*facts, *given)), second_wider=True),) if len(drawn) == 1 else (*shown, *facts, *given)
     return doc.Section("The loop", (doc.on_pages(*both), doc.in_markdown(*facts, *given)), "loop")
@@ -156,11 +160,12 @@ def _bound(certificate: Certificate, trajectory: Trajectory | None) -> Iterator[
     """One picture: what is proved about the largest error, and one simulated run."""
     if trajectory is not None and len(trajectory.times) > 1:
         picture = pictures.error_picture(certificate, trajectory)
-        yield doc.on_pages(doc.Section("Certified bound and simulation", (doc.Pictures((picture,)),), "bound"))
+        title = "Certified bound and simulation" if certificate.envelope(trajectory).sources else "One simulated run"
+        yield doc.on_pages(doc.Section(title, (doc.Pictures((picture,)),), "bound"))
 
 
 def _next_step(certificate: Certificate) -> Iterator[doc.Section]:
-    """What to do now: the cure where something is missing, else how a reviewer checks this."""
+    """What to do now: how a reviewer checks what is proved, else the cure, or what would settle it."""
     if certificate.verdict is Verdict.PROVED:
         told = "Send certificate.json and problem.json with this report. A reviewer decides every claim again with"
         blocks = (
@@ -169,8 +174,17 @@ def _next_step(certificate: Certificate) -> Iterator[doc.Section]:
             doc.Text(words.deployment_words(certificate)),
         )
         yield doc.Section("What to do next", blocks, "next")
-    else:
-        yield from checks.cure_section(certificate.checks)
+        return
+    cures, advice = tuple(checks.cure_section(certificate.checks)), certificate.reason.partition(_HELP)[2]
+    yield from cures
+    if advice:
+        told = f"{words.sentence(advice)} This command shows from which starts consensus is proved:"
+        yield doc.Section("What would settle it", (doc.Text(told), doc.Code((_REGION,), command=True)), "next")
+    elif not cures:
+        told = (
+            "This command searches for pins and gains that are proved for the problem, or proves that there are none:"
+        )
+        yield doc.Section("What to do next", (doc.Text(told), doc.Code((_DESIGN,), command=True)), "next")
 
 
 def _problem(problem: Problem) -> doc.Section:
@@ -259,6 +273,7 @@ def _graphs(analysis: Analysis | None) -> Iterator[doc.Block]:
             doc.Column("not reached", lambda each: words.names_in_words(each[0].unreached, 6), 1.2),
             doc.Column("λmax(Λ) in 1/s", lambda each: number(each[1].lambda_max), 1.2, style="number"),
             doc.Column("decay in 1/s", lambda each: number(each[1].decay_rate), 1.2, style="number"),
+            cards=True,
         )
 
 
@@ -278,7 +293,7 @@ def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.S
     if matrices.items:
         blocks += [matrices, doc.on_pages(doc.Text(rounded, "caption"))]
     for name, bound in words.bounds_of(certificate).items():
-        latex = rf"\lambda_{{\max}}(\Lambda) < {latex_number(bound)}"
+        latex = rf"\lambda_{{\max}}(\Lambda) < {latex_decimal(bound)}"
         blocks.append(doc.Only(doc.TEXTS, (doc.Text(f"For {name}:"), doc.Formula(latex))))
         blocks.append(doc.on_pages(doc.Formula(latex, f"condition for {name}", typst=bound)))
     shown = [

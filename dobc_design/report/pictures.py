@@ -202,7 +202,7 @@ def error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
         draw=lambda ax: runs.in_time(
             runs.plot_errors(ax, times, {"|e|∞": error}, envelope=envelope, rate=certificate.rate), times
         ),
-        width=6.4,
+        width=4.8,
     )
 
 

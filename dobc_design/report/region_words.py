@@ -21,7 +21,7 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
-from dobc_design.report.words import capitalize_first, mark_of, names_in_words, number
+from dobc_design.report.words import mark_of, names_in_words, number, sentence
 from dobc_design.verdict import Verdict
 
 NONE: Final = "–"
@@ -111,7 +111,7 @@ def limit_words(claim: RegionClaim) -> str:
     """Why no more is certified."""
     if claim.limit or claim.kind != "everywhere":
         none = "It covers what was asked for; more was not tried." if claim.covers else NONE
-        return capitalize_first(claim.limit) or none
+        return sentence(claim.limit) or none
     return "There is none: it holds for every start."
 
 
@@ -135,11 +135,11 @@ def timing_sentences(regions: Regions) -> list[str]:
     """What the proof says about the time it takes, about late messages and about sampling."""
     settling, sentences = regions.settling, list[str]()
     if settling is not None and settling.verdict is not Verdict.PROVED:  # a proved one is told stage by stage
-        sentences.append(f"Settling: {settling.reason}")
+        sentences.append(sentence(f"Settling: {settling.reason}"))
     for check, words in ((regions.delay, _delay), (regions.sampling, _sampling)):
         if check is not None:
             proved = check.verdict is Verdict.PROVED
-            sentences.append(words(check) if proved else f"{capitalize_first(check.id)}: {check.reason}")
+            sentences.append(words(check) if proved else sentence(f"{check.id}: {check.reason}"))
     return sentences
 
 

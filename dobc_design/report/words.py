@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Final
@@ -41,6 +42,26 @@ BY_GROUP: Final = (
     "Agents differ in their exosystem. A, C and W in the equations of an agent are those of its group. I ⊗ C, I ⊗ Ω₀"
     " and I ⊗ S stand for matrices with the C, Ω₀ and S of each agent's group along the diagonal. The matrices below"
     " hold all groups along their diagonal, in this order."
+)
+#: Letters and signs as certificates write them.  Lambda and Psi may be labels, too: only where mathematics follows.
+_SIGNS = tuple(
+    (re.compile(pattern), sign)
+    for pattern, sign in (
+        (r"\blambda_max\b", "λmax"),
+        (r"\b(?<!agent )Lambda(?= [v+]|[()]| is not\b| <)", "Λ"),
+        (r"\b(?<!agent )Psi(?= is not\b| <)", "Ψ"),
+        (r"\beps_i\b", "εᵢ"),
+        (r"\b([evx])_i\b", r"\1ᵢ"),
+        (r"\bmax_i\b", "maxᵢ"),
+        (r"\bdhat\b", "d̂"),
+        (r"\|_P\b", "|ₚ"),
+        (r"\b([A-Zev]|εᵢ)'(?!s\b)", r"\1′"),
+        (r"\bA - W", "A − W"),
+        (r"(?<![\w.])-(?= ?\d)", "−"),
+        ("<=", "≤"),
+        (">=", "≥"),
+        (r"\(x\)", "⊗"),
+    )
 )
 _IDEAL = "messages without delay, noise or quantisation"
 _TIMED = "messages without noise or quantisation; late messages and sampling as far as their checks say"
@@ -116,6 +137,13 @@ def verdict_counts(checks: Iterable[Check], order: Iterable[Verdict] = Verdict) 
 def shortened(text: str, longest: int = 1200) -> str:
     """The text, or its beginning and an ellipsis."""
     return text if len(text) <= longest else text[: longest - 1] + "…"
+
+
+def sentence(text: str) -> str:
+    """A reason of a certificate, which is ASCII, as people write it: capital, minus signs, Greek letters, indices."""
+    for pattern, sign in _SIGNS:
+        text = pattern.sub(sign, text)
+    return capitalize_first(text)
 
 
 def capitalize_first(text: str) -> str:
@@ -211,7 +239,10 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
         for group in problem.groups[:MOST_MODES]
         for told in [disturbance_words(problem, group)]
     ]
-    facts += [("Coupling", f"h(y) = {', '.join(problem.coupling.texts)}"), ("Target", vector_text(problem.target))]
+    facts += [
+        ("Coupling", f"h(y) = {', '.join(problem.coupling.texts).replace('-', '−')}"),
+        ("Target", vector_text(problem.target)),
+    ]
     if problem.region is not None:
         facts.append(("Starts asked for", _starts(problem.region)))
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:

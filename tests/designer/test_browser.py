@@ -28,7 +28,8 @@ def server(tmp_path: Path) -> Iterator[str]:
     kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
     notebook = nbformat.v4.new_notebook(metadata=kernel)
     notebook.cells = [
-        nbformat.v4.new_code_cell('import dobc_design as dd\ndesigner = dd.Designer("paper-fixed")\ndesigner')
+        nbformat.v4.new_code_cell('import dobc_design as dd\ndesigner = dd.Designer("paper-fixed")\ndesigner'),
+        nbformat.v4.new_code_cell("designer.gains"),
     ]
     nbformat.write(notebook, tmp_path / "design.ipynb")
     log = tmp_path / "server.log"
@@ -61,7 +62,7 @@ def test_a_click_pins_an_agent_and_the_exact_verdict_follows(page: Page, tmp_pat
     said = "document.querySelector('.dobc-verdict').textContent"
     first = until("the first verdict", lambda: "PROVED" in (text := page.run(said) or "") and text)
     rate = page.run("document.querySelector('.dobc-numbers').textContent")
-    pinned = "[...document.querySelectorAll('.dobc-pinned')].map(x => x.dataset.agent).sort().join(' ')"
+    pinned = "[...document.querySelectorAll('.dobc-agent.dobc-pinned')].map(x => x.dataset.agent).sort().join(' ')"
     assert page.run(pinned) == "1 6"
     click = "document.querySelector('.dobc-agent[data-agent=\"{}\"]').dispatchEvent(new MouseEvent('click'))"
     page.run(click.format(3))
@@ -76,7 +77,14 @@ def test_a_click_pins_an_agent_and_the_exact_verdict_follows(page: Page, tmp_pat
     assert float(re.search(r"rate ([0-9.]+) ", second)[1]) > float(re.search(r"rate ([0-9.]+) ", first)[1])
     page.run(click.format(2))
     until("a pin again", lambda: page.run(pinned) == "2")
-    page.run("document.querySelector('.dobc-row button').click()")
+    selected = "window.jupyterapp.shell.currentWidget.content.activeCellIndex"
+    page.run(f"{selected} = 0; document.querySelector('.dobc-gains input[type=range]').focus()")
+    for kind in ("keyDown", "keyUp"):  # of the slider, not of JupyterLab, which would go to the next cell
+        page.ask("Input.dispatchKeyEvent", type=kind, key="ArrowDown", code="ArrowDown", windowsVirtualKeyCode=40)
+    gain = "Number(document.querySelector('.dobc-gains input[type=number]').value)"
+    until("a smaller gain", lambda: 4.9 < page.run(gain) < 5, seconds=30)
+    assert page.run(selected) == 0
+    page.run("document.querySelector('.dobc-save').click()")
     until("the file", (tmp_path / "paper-fixed-designed.toml").exists)
     saved = load_problem(tmp_path / "paper-fixed-designed.toml")
     assert [saved.network.labels[i] for i in saved.pinning.agents] == ["2"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from fractions import Fraction
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 pytest.importorskip("anywidget", reason="needs the extra `notebook`: pip install 'dobc_design[notebook]'")
 
 import dobc_design as dd
+from dobc_design.designer.source import python_source
 from dobc_design.designer.widget import preview
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes
@@ -30,8 +32,50 @@ def designer() -> dd.Designer:
 def test_it_shows_the_problem_it_was_given(designer):
     assert designer.gains == {"1": 3.0}
     assert designer.network["labels"] == ["1", "2", "3"]
-    assert designer.network["arcs"] == [[1, 0], [2, 1]]
+    assert designer.arcs == {"G": [[1, 0, "1"], [2, 1, "1"]]}
     assert designer.problem.pinning.gains == {0: ((Fraction(3),),)}
+
+
+def test_until_something_is_changed_the_problem_is_the_one_given_exactly():
+    """A region that is not symmetric, a gain that no double equals."""
+    region = {"initial_states": [0, 5]}
+    given = problem("tanh(y) + y", [[2, 1]], 2, target=1, gains={1: "1/3"}, region=region, name="third")
+    designer = dd.Designer(given)
+    assert designer.problem == given
+    designer.gains = {**designer.gains, "2": 0.125}
+    assert [k[0][0] for k in designer.problem.pinning.gains.values()] == [Fraction(1, 3), Fraction(1, 8)]
+    assert designer.problem.region == given.region
+    designer.radius = 2.0
+    assert designer.problem.region.initial_states == ((Fraction(-1), Fraction(3)),)
+
+
+def test_arcs_are_added_and_removed_with_the_couplings_of_their_own(designer):
+    own = problem("y", [[2, 1, "1/3"], [3, 2]], 3, gains={1: 3}, exceptions={(1, 0): "2*y", (2, 1): "3*y"})
+    designer = dd.Designer(own)
+    designer.arcs = {"G": [[1, 0, "1/3"], [0, 2, "1"]]}
+    changed = designer.problem
+    assert list(changed.network.modes["G"]) == [(1, 0, Fraction(1, 3)), (0, 2, Fraction(1))]
+    assert set(changed.exceptions) == {(1, 0)}
+    assert "agent 3" in designer.certify().reason
+    designer.arcs = {"G": [[1, 1, "1"]]}
+    assert "network.modes.G" in designer.numbers["note"]
+
+
+FEATURES = {
+    "groups": {"groups": [dd.Group(agents=[k], exosystem=dd.Exosystem(A=[[f"-{k}/3"]], C=[[1]])) for k in (1, 2)]},
+    "own couplings": {"exceptions": {(1, 0): "2*y"}, "offsets": {"2": 1}, "name": 'it\'s "here"'},
+    "matrix gains": {"target": [0, 1], "gains": {1: [["1/3", 0], [0, 2]]}, "simulation": {"x0": [[0, 1], ["1/3", 2]]}},
+}
+
+
+@pytest.mark.parametrize("source", ["paper-fixed", "paper-switching", "uav-swarm", *FEATURES])
+def test_the_python_of_a_problem_builds_an_equal_problem(source, tmp_path):
+    given = problem("sin(y)", [[2, 1, "1/3"], [1, 2]], 2, **FEATURES[source]) if source in FEATURES else source
+    wanted = given if source in FEATURES else dd.load_problem(source)
+    (tmp_path / "script.py").write_text(python_source(wanted), encoding="utf-8")
+    found = runpy.run_path(str(tmp_path / "script.py"))["problem"]
+    assert found == wanted
+    assert canonical_bytes(found) == canonical_bytes(wanted)
 
 
 def test_sliders_set_exact_numbers(designer):
@@ -79,9 +123,12 @@ def test_a_saved_file_is_the_problem(designer, tmp_path):
     assert canonical_bytes(dd.load_problem(path)) == canonical_bytes(designer.problem)
     with pytest.raises(SpecError, match=r"there already"):
         designer.save(path)
+    again = dd.Designer(path)  # as after a restart of the kernel
+    assert (again.gains, again.arcs, again.radius) == (designer.gains, designer.arcs, designer.radius)
+    assert again.problem == dd.load_problem(path)
 
 
-def test_what_a_drag_keeps_is_what_a_new_widget_would_compute(designer):
+def test_after_any_moves_the_estimates_are_those_of_a_new_widget(designer):
     """Estimates depend on the problem and the sliders, not on the order of the moves."""
     for name, value in (("rate", 0.2), ("radius", 2.5), ("rate", 0.1), ("gains", {"2": 4.0}), ("radius", 1.5)):
         setattr(designer, name, value)
@@ -114,7 +161,9 @@ def test_a_message_of_the_page_saves_and_says_what_went_wrong(designer, tmp_path
         designer._asked(designer, {"kind": "save", "path": str(path)}, [])
     designer._asked(designer, "noise", [])
     designer._asked(designer, {"kind": "save", "path": str(tmp_path / "a.toml"), "replace": True}, [])
-    assert said[0] == f"Saved as {tmp_path / 'a.toml'}."
+    designer._asked(designer, {"kind": "python"}, [])
+    assert said[4] == python_source(designer.problem)
+    assert said[0] == f"Saved. To open it again: dd.Designer({str(tmp_path / 'a.toml')!r})"
     assert "there already" in said[1]
     assert "folder.toml" in said[2]
     assert said[3] == said[0]

@@ -57,7 +57,7 @@ def test_the_main_cure_stands_above_the_table_and_cannot_break_out_of_its_place(
     fix = Fix(kind="x", set={"pinning.gains": {"a\nb": 1}, "<b>\n# x": None}, text="Pin <b>agent</b> 3.")
     checks = tuple(dataclasses.replace(check, fix=fix) for check in certificate.checks)
     text = markdown_report(certificate_of(checks=checks))
-    section = text[text.index("## A cure") : text.index("## Checks")]
+    section = text[text.index("## Optional") : text.index("## Checks")]
     assert "Pin \\<b\\>agent\\</b\\> 3." in section
     lines = section.splitlines()
     assert '    gains = { "a\\nb" = 1 }' in lines

@@ -31,6 +31,19 @@ def test_cut_numbers(value: float | Fraction | None, text: str):
     assert significant_towards_zero(value) == text
 
 
+@pytest.mark.parametrize(
+    ("reason", "shown"),
+    [
+        ("Lambda(J) < 0, lambda_max <= -0.58: V = e'e falls", "Λ(J) < 0, λmax ≤ −0.58: V = e′e falls"),
+        ("it is v'(Lambda + I (x) S)v >= 0: Psi is not", "It is v′(Λ + I ⊗ S)v ≥ 0: Ψ is not"),
+        ("from |e_i| <= 4 and |eps_i|_P: exp(-0.2 t), A - WC", "From |eᵢ| ≤ 4 and |εᵢ|ₚ: exp(−0.2 t), A − WC"),
+        ("agent Lambda's label, agent-3 and 1e-05 stay", "Agent Lambda's label, agent-3 and 1e-05 stay"),
+    ],
+)
+def test_a_reason_is_shown_in_letters_and_signs_of_mathematics(reason: str, shown: str):
+    assert words.sentence(reason) == shown
+
+
 def test_numbers_are_written_as_people_write_them():
     assert words.typeset("-1.5e-08") == "−1.5·10⁻⁸"
     assert number(-0.0) == "0"

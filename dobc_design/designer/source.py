@@ -1,0 +1,78 @@
+"""A problem as the Python that builds it: numbers as somebody would type them, exact ones as text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from fractions import Fraction
+from pprint import pformat
+from textwrap import indent
+from typing import Any
+
+from dobc_design.coupling.coupling import Coupling
+from dobc_design.problem.changes import gain_table, typed_number
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import Group, Observer
+from dobc_design.problem.network import Network, labels_of
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Region, Simulation, Switching
+
+WIDTH = 100
+
+
+def python_source(problem: Problem) -> str:
+    """A script whose ``problem`` equals this one."""
+    _, (given,) = problem.__reduce__()  # the arguments of its constructor
+    given["gains"] = gain_table(problem.pinning.gains, problem.network.labels)
+    said = {name: _plain(value) for name, value in given.items()}
+    written = _text(_Call("Problem", {name: value for name, value in said.items() if value not in (None, {}, [])}))
+    return f"import dobc_design as dd\n\nproblem = {written}\n"
+
+
+@dataclass(frozen=True)
+class _Call:
+    name: str
+    arguments: Mapping[str, Any]
+
+    def __repr__(self) -> str:
+        return f"dd.{self.name}({', '.join(f'{name}={value!r}' for name, value in self.arguments.items())})"
+
+
+def _plain(value: Any) -> Any:
+    """Numbers, texts, lists and tables in place of nouns, and calls of those that have to be built."""
+    match value:
+        case Fraction():
+            return typed_number(value)
+        case Coupling():
+            return value.texts[0] if value.by_component else list(value.texts)
+        case Network(labels=labels, size=n):
+            counted = labels == labels_of(n)  # 1 and "1" are one label
+            name: Any = range(1, n + 1) if counted else labels
+            arcs = {
+                mode: [[name[i], name[j], *([] if w == 1 else [typed_number(w)])] for i, j, w in each]
+                for mode, each in value.modes.items()
+            }
+            agents = n if counted else list(labels)
+            return _Call("Network.from_arcs", {"arcs": arcs, "arrow": "listens_to", "agents": agents})
+        case Exosystem() | Observer() | Group() | Switching():
+            return _Call(type(value).__name__, _fields(value))
+        case Region() | Simulation():
+            return _fields(value)
+        case Mapping():
+            return {key: _plain(each) for key, each in value.items()}
+        case list() | tuple():
+            return [_plain(each) for each in value]
+        case _:
+            return value
+
+
+def _fields(noun: Any) -> dict[str, Any]:
+    found = {each.name: getattr(noun, each.name) for each in fields(noun)}
+    return {name: _plain(value) for name, value in found.items() if value is not None}
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, _Call) or len(repr(value)) <= WIDTH:
+        return pformat(value, width=WIDTH, compact=True, sort_dicts=False)
+    inside = "".join(f"{name}={_text(each)},\n" for name, each in value.arguments.items())
+    return f"dd.{value.name}(\n{indent(inside, '    ')})"

@@ -39,17 +39,17 @@ class Floats(Interval):
     @classmethod
     def around(cls, value: Interval | Fraction | int) -> Floats:
         """Return the least interval of floats that contains a number, or an interval, which remembers it."""
-        if type(value) is Floats:
-            return value
-        if not isinstance(value, Interval):
-            if type(value) is int and -_WHOLE <= value <= _WHOLE:
-                return Floats(value + 0.0, value + 0.0)
-            return Floats(float_below(value), float_above(value))
-        found: Floats | None = value.in_floats
-        if found is None:
-            found = Floats(*value.floats())
-            object.__setattr__(value, "in_floats", found)
-        return found
+        if type(value) is Interval:
+            found: Floats | None = value.in_floats
+            if found is None:
+                found = Floats(*value.floats())
+                object.__setattr__(value, "in_floats", found)
+            return found
+        if isinstance(value, Interval):
+            return value if type(value) is Floats else Floats(*value.floats())
+        if type(value) is int and -_WHOLE <= value <= _WHOLE:
+            return Floats(value + 0.0, value + 0.0)
+        return Floats(float_below(value), float_above(value))
 
     def __getattr__(self, name: str) -> Fraction:
         """An end as a rational, made when it is first asked for."""

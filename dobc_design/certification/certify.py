@@ -81,8 +81,7 @@ def certify(
         >>> certificate.verdict.value, certificate.covered_by
         ('proved', 'theorem1')
     """
-    if not isinstance(problem, Problem):
-        problem = load_problem(problem)
+    problem = load_problem(problem)
     report = progress or (lambda stage: None)
     tolerance = None if settling is None else read_tolerance(settling)
     seconds = None if time_limit is None else read_time_limit(time_limit)
@@ -135,8 +134,7 @@ def verify(certificate: Certificate | Claims | bytes, problem: Problem | str | P
         >>> dd.verify(dd.certify("clock-sync"), "clock-sync").holds
         True
     """
-    if not isinstance(problem, Problem):
-        problem = load_problem(problem)
+    problem = load_problem(problem)
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     return verify_twice(claims, problem)
 
@@ -162,7 +160,7 @@ def certify_settling(
         >>> settling.verdict.value, settling.envelope(settling.time) <= 0.1
         ('proved', True)
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     asked = asked_of(problem, tolerance=tolerance, radius=radius, disturbance=disturbance)
     return settle(problem, observer_gain(problem), asked, progress=progress or (lambda stage: None))
 

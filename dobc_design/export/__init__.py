@@ -197,7 +197,7 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
 
 
 def _loaded(problem: Source) -> Problem:
-    return arrays.require_floats(problem if isinstance(problem, Problem) else load_problem(problem))
+    return arrays.require_floats(load_problem(problem))
 
 
 def analyse(problem: Source) -> Analysis:

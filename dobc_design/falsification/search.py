@@ -78,7 +78,7 @@ def falsify(
     Returns: a Falsification with suspects, which prove nothing, and equilibria, each proved in a box by interval
     arithmetic.  Raises: SpecError for a wrong argument.
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     gain = observer_gain(problem)
     if isinstance(certified, Certificate):
         gain, certified = certified.claims.W, sets.regional_check(certified)

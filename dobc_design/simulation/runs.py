@@ -185,7 +185,7 @@ def simulate(
         >>> run.x.shape, run.diverged, run.final_error < 0.3
         ((61, 10, 1), False, True)
     """
-    problem = problem if isinstance(problem, Problem) else load_problem(problem)
+    problem = load_problem(problem)
     remarks: list[str] = []
     if signal is None and mode is None:
         signal, remark = signal_of(problem)

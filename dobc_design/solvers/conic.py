@@ -26,7 +26,6 @@ from dobc_design.solvers.program import (
     as_sparse,
     assemble,
     is_solver_failure,
-    without_values,
 )
 
 T = TypeVar("T")
@@ -203,10 +202,10 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
             squares[gains] = 2.0
             cones.append(cone(positive(P, floor=program.floor)))
     except (ArithmeticError, ValueError) as error:  # a number beyond the floats
-        return without_values(f"{FAILED}{type(error).__name__}", solver=SOLVER)
+        return Solution(status=f"{FAILED}{type(error).__name__}", solver=SOLVER)
     answer = solve_cones(cost, cones, squares=squares, time_limit=time_limit)
     if not answer.found:
-        return without_values(answer.status, solver=SOLVER)
+        return Solution(status=answer.status, solver=SOLVER)
     values = assemble(program.pencils[0], answer.x.tolist())
     return Solution(status=answer.status, solver=SOLVER, objective=answer.objective, values=values)
 
@@ -249,7 +248,7 @@ def solve_dense(program: Program, *, solver: str = "CLARABEL", time_limit: float
     except BaseException as error:  # a panic in Rust is no Exception
         if not is_solver_failure(error):
             raise
-        return without_values(f"{FAILED}{type(error).__name__}", solver=solver)
+        return Solution(status=f"{FAILED}{type(error).__name__}", solver=solver)
 
 
 def _read_dense(program: Program, problem: Any, variables: dict[str, Any], *, solver: str) -> Solution:
@@ -257,7 +256,7 @@ def _read_dense(program: Program, problem: Any, variables: dict[str, Any], *, so
     unknowns = program.pencils[0].unknowns
     missing = problem.value is None or any(variables[unknown.name].value is None for unknown in unknowns)
     if missing or not math.isfinite(problem.value):
-        return without_values(str(problem.status), solver=solver)
+        return Solution(status=str(problem.status), solver=solver)
     numbers = [float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()]
     values = assemble(program.pencils[0], numbers)
     return Solution(status=str(problem.status), solver=solver, objective=float(problem.value), values=values)

@@ -48,7 +48,7 @@ class Solution:
 
     status: str
     solver: str
-    objective: float
+    objective: float = math.nan
     values: Mapping[str, Array] = field(default_factory=dict)
 
     @property
@@ -60,11 +60,6 @@ class Solution:
     def broken(self) -> bool:
         """Whether the solver itself broke down or ran out of time: asking it again would be no better."""
         return self.status.startswith(FAILED) or self.status in OUT_OF_TIME
-
-
-def without_values(status: str, *, solver: str) -> Solution:
-    """What is returned where a solver has nothing to show."""
-    return Solution(status=status, solver=solver, objective=math.nan)
 
 
 def is_solver_failure(error: BaseException) -> bool:

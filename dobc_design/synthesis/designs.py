@@ -16,14 +16,6 @@ from dobc_design.synthesis.pinning.claim import PinningDesign, read_request
 from dobc_design.synthesis.pinning.search import search_pinning, search_region
 
 
-def _loaded(problem: Problem | str | PathLike[str]) -> Problem:
-    return problem if isinstance(problem, Problem) else load_problem(problem)
-
-
-def _silent(stage: str) -> None:
-    """Nobody asked for progress."""
-
-
 def design_observer(
     problem: Problem | str | PathLike[str],
     *,
@@ -46,7 +38,7 @@ def design_observer(
         >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
         'refuted'
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     if not problem.groups:
         text = "exosystem must be given to design an observer, because it says what W estimates; got none."
         raise SpecError(text, key="exosystem", cure="dobc_design.exosystems has common shapes, constant() among them.")
@@ -83,10 +75,10 @@ def design_pinning(
         >>> found.verdict.value, list(found.gains)
         ('proved', ['gateway'])
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     limits = {"allowed": allowed, "cost": cost, "max_gain": max_gain, "pins": pins, "digits": digits}
     request = read_request(problem.network.labels, rate=rate, **limits)
-    progress = progress or _silent
+    progress = progress or (lambda stage: None)
     if region is None:
         return search_pinning(problem, request, progress)
     progress("looking for gains that do over the region")
@@ -117,10 +109,10 @@ def design(
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
     with the nearest possible request.  Raises: SpecError for a wrong argument.
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     request = read_design_request(problem.network.labels, digits=digits, reduce=reduce, **limits)
-    return search_design(problem, request, progress or _silent)
+    return search_design(problem, request, progress or (lambda stage: None))
 
 
 def trade_off(
@@ -145,6 +137,8 @@ def trade_off(
     in ``design``; gains that the problem has are not looked at.
     Returns: a TradeOff with ``points``, ``plot()`` and ``to_pandas()``.  Raises: SpecError for a wrong argument.
     """
-    problem = _loaded(problem)
+    problem = load_problem(problem)
     request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
-    return trade_off_of(problem, request, curve, design=design, points=points, progress=progress or _silent)
+    return trade_off_of(
+        problem, request, curve, design=design, points=points, progress=progress or (lambda stage: None)
+    )

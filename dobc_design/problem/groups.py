@@ -17,7 +17,7 @@ from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import counted, is_list, named, read_matrix, rows_of, shown, shown_number
+from dobc_design.exact.reading import counted, is_list, named, read_matrix, rows_of, shown, shown_number, some
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 
 
@@ -228,9 +228,7 @@ def _check_all_have_p(groups: Sequence[Group]) -> None:
 
 def name_some(agents: Sequence[str]) -> str:
     """Some agents in words."""
-    names = ", ".join(named(label) for label in agents[:_SHOWN])
-    more = f" and {len(agents) - _SHOWN} more" if len(agents) > _SHOWN else ""
-    return f"agent{'' if len(agents) == 1 else 's'} {names}{more}"
+    return f"agent{'' if len(agents) == 1 else 's'} {some([*map(named, agents)], _SHOWN)}"
 
 
 # --- the groups side by side

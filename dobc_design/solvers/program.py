@@ -76,10 +76,8 @@ def as_sparse(matrix: Symmetric) -> Any:
 
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
-    """Turn the vector of independent entries into one array per unknown.  Raises ValueError if there are too few."""
+    """Turn the vector of independent entries into one array per unknown; there may be more numbers."""
     places = [(unknown, i, j) for unknown in pencil.unknowns for _, i, j in unknown.places()]
-    if len(numbers) < len(places):
-        raise ValueError(f"a solver answered with {len(numbers)} numbers, not {len(places)}")
     result = {unknown.name: np.zeros((unknown.rows, unknown.columns)) for unknown in pencil.unknowns}
     for (unknown, i, j), number in zip(places, numbers, strict=False):
         result[unknown.name][i, j] = number

@@ -20,7 +20,7 @@ from typing import Any
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.network import Enclosed, carriers, name_agents
 from dobc_design.conditions.coverage import asked_radius
-from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.numbers import claimed, rounded_up, shorten
 from dobc_design.conditions.separable import decide as separable
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, find_ordering
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
@@ -41,7 +41,6 @@ from dobc_design.synthesis.pinning.claim import (
     PinningRequest,
     Structure,
     prices_in_words,
-    rounded_up,
     typed_gains,
     without_gains,
 )
@@ -351,7 +350,7 @@ def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iter
             enough = proposer.fastest(request.allowed, middle) > float(request.rate)
             low, high = (low, middle) if enough else (middle, high)
         factor = Fraction(high * 1.001)
-        yield replace(request, caps={i: rounded_up(cap * factor, 4) for i, cap in request.caps.items()})
+        yield replace(request, caps={i: rounded_up(cap * factor, digits=4) for i, cap in request.caps.items()})
     fastest = proposer.fastest(request.allowed, 1.0)
     for part in (0.99, 0.9) if 0 < fastest < math.inf else ():
         rate = claimed(shorten(fastest * part, digits=3))

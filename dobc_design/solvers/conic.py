@@ -93,7 +93,7 @@ def solve_cones(
         answer = clarabel.DefaultSolver(
             sparse.csc_matrix((curved[kept], kept, np.searchsorted(kept, np.arange(size + 1))), shape=(size, size)),
             cost,
-            _by_columns(stack([each.rows for each in cones])),
+            sparse.csc_matrix(stack([each.rows for each in cones])),
             np.concatenate([each.right for each in cones]),
             [kind(each) for each in cones],
             settings,
@@ -103,15 +103,6 @@ def solve_cones(
         if not is_solver_failure(error):
             raise
         return ConeAnswer(status=f"{FAILED}{type(error).__name__}")
-
-
-def _by_columns(rows: Any) -> Any:
-    """A NumPy or SciPy array as Clarabel takes it; dense ones without SciPy's detour."""
-    if not isinstance(rows, np.ndarray):
-        return sparse.csc_matrix(rows)
-    columns, places = np.nonzero(rows.T)
-    ends = np.searchsorted(columns, np.arange(rows.shape[1] + 1))
-    return sparse.csc_matrix((rows[places, columns], places, ends), shape=rows.shape)
 
 
 def _read(answer: Any, size: int) -> ConeAnswer:

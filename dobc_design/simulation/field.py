@@ -188,7 +188,7 @@ def compile_coupling(coupling: Coupling) -> Callable[[Array], Array]:
 class _FastAlgebra(NumpyAlgebra):
     """Small powers are products, which take a fraction of the time."""
 
-    def power(self, base: Any, exponent: int) -> Any:  # type: ignore[override]  # a method for a function
+    def power(self, base: Any, exponent: int) -> Any:
         if not 1 <= exponent <= LARGEST_PRODUCT:
             return base**exponent
         result, square, rest = None, base, exponent

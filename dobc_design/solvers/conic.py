@@ -18,15 +18,7 @@ from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil, below, positive
 from dobc_design.exact.symmetric import Symmetric
-from dobc_design.solvers.program import (
-    FAILED,
-    Array,
-    Program,
-    Solution,
-    as_sparse,
-    assemble,
-    is_solver_failure,
-)
+from dobc_design.solvers.program import FAILED, Array, Program, Solution, as_sparse, assemble, is_solver_failure
 
 T = TypeVar("T")
 

@@ -111,7 +111,8 @@ def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 
 def unreached(problem: Problem, arcs: Iterable[Arcs]) -> tuple[int, ...]:
     """Agents that nothing from a pinned agent reaches along the arcs of all given modes; exact, in linear time."""
-    (listeners, speakers), n, pins = _ends(arcs), problem.n, problem.pinning.agents
+    (listeners, speakers), n = _ends(arcs), problem.n
+    pins = np.array(problem.pinning.agents, dtype=np.int64)
     ends = np.append(speakers, np.full(len(pins), n)), np.append(listeners, pins)  # the target is agent n
     graph = sp.csr_array((np.ones(len(ends[0])), ends), shape=(n + 1, n + 1))
     met = breadth_first_order(graph, n, return_predecessors=False)

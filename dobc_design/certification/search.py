@@ -6,7 +6,6 @@ becomes a check of the certificate, unless a proof or a refutation stands there 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Final
@@ -14,12 +13,11 @@ from typing import Final
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.overall import decide_overall
+from dobc_design.conditions.coverage import Progress
 from dobc_design.falsification.search import RUNS, search_starts
 from dobc_design.falsification.starts import regional_check
 from dobc_design.falsification.suspect import Falsification
 from dobc_design.verdict import Verdict
-
-Progress = Callable[[str], None]
 
 #: Starts of the default search: rows n m times starts are at most so many, but there are a few starts at least.
 MOST_ROWS: Final = 200_000

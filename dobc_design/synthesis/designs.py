@@ -5,11 +5,12 @@ from __future__ import annotations
 from os import PathLike
 from typing import Any
 
+from dobc_design.conditions.coverage import Progress
 from dobc_design.errors import SpecError
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.claim import Design, TradeOff, read_design_request
-from dobc_design.synthesis.joint.search import Progress, search_design, trade_off_of
+from dobc_design.synthesis.joint.search import search_design, trade_off_of
 from dobc_design.synthesis.observer.claim import ObserverDesign, read_observer_request
 from dobc_design.synthesis.observer.search import search_groups
 from dobc_design.synthesis.pinning.claim import PinningDesign, read_request

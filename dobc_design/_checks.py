@@ -6,7 +6,7 @@ They look at lengths only, so nested sequences and arrays alike may be given; en
 from __future__ import annotations
 
 from collections.abc import Sized
-from typing import Protocol
+from typing import Any, Protocol
 
 from dobc_design.errors import ShapeError, wrong
 
@@ -46,6 +46,12 @@ def require_square(matrix: Rows, *, name: str, because: str = "") -> int:
         reason = f", {because}" if because else ""
         raise wrong(name, f"must be square{reason}; got shape ({rows}, {columns}).", kind=ShapeError)
     return rows
+
+
+def put(noun: object, **values: Any) -> None:
+    """Set fields of a frozen noun that is being made."""
+    for name, value in values.items():
+        object.__setattr__(noun, name, value)
 
 
 def _wanted(shape: tuple[int | None, int | None]) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import zip_longest
 
@@ -107,10 +107,7 @@ def certify(
         claims = Claims(
             problem_name=problem.name,
             problem_sha256=problem_sha256(problem),
-            verdict=overall.verdict,
-            reason=overall.reason,
-            rate=overall.rate,
-            covered_by=overall.covered_by,
+            **asdict(overall),
             checks=checks,
             W=W,
             gain_source=None if W is None else ("designed" if any(found.designs) else "given"),

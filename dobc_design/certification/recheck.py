@@ -6,7 +6,7 @@ advice."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 from dobc_design._show.cards import Card, Shown
@@ -151,7 +151,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         overall, proofs = decide_overall(problem, checks, claims.W), ("theorem1", "theorem2")
         pair = any(check.id in proofs and check.verdict is Verdict.PROVED for check in checks)
         claims = replace(claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None)
-        claims = replace(claims, **{field.name: getattr(overall, field.name) for field in fields(overall)})
+        claims = replace(claims, **asdict(overall))
     lacking = next((text for holds, text in found if not holds), None)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims

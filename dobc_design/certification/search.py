@@ -6,7 +6,7 @@ becomes a check of the certificate, unless a proof or a refutation stands there 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Final
 
@@ -68,6 +68,5 @@ def search_certificate(
     if refuting is not None and is_new and certificate.verdict is Verdict.UNDECIDED:
         checks = (*certificate.checks, refuting)
         overall = decide_overall(problem, checks, W)
-        said = {field.name: getattr(overall, field.name) for field in fields(overall)}
-        certificate = replace(certificate, claims=replace(certificate.claims, checks=checks, **said))
+        certificate = replace(certificate, claims=replace(certificate.claims, checks=checks, **asdict(overall)))
     return Searched(certificate=certificate, searches=tuple(found))

@@ -7,7 +7,7 @@ Both work on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
@@ -47,11 +47,23 @@ def bad_direction(
     return found and {i: Fraction(int(x.numerator), int(x.denominator)) for i, x in found.items()}
 
 
-def squares_of(M: SparseSymmetric) -> list[tuple[int, Fraction, dict[int, Fraction]]] | None:
-    """Return M > 0 as a sum of squares d (x_k + sum l_i x_i)^2, each (k, d, l), or None if M is not positive definite.
-    Pivots k are taken by least degree, then least index, so the answer is unique."""
+@dataclass(frozen=True, slots=True)
+class Square:
+    """d (x_pivot + sum of others[i] x_i)^2: one entry of D and one column of L.  ``others`` are the entries of the
+    column that are neither 0 nor the 1 at the pivot, by rising index."""
+
+    weight: Fraction
+    pivot: int
+    others: Mapping[int, Fraction]
+
+
+def squares_of(M: SparseSymmetric) -> tuple[Square, ...] | None:
+    """Return the squares M is the sum of, in the order of elimination, or None if M is not positive definite.  Pivots
+    are taken on the diagonal by least degree, then least index, so the answer is unique."""
     steps: list[Step] = []
-    return steps if _eliminate(M.rows(), steps, strict=True, most_work=None) is None else None
+    if _eliminate(M.rows(), steps, strict=True, most_work=None) is not None:
+        return None
+    return tuple(Square(weight, pivot, dict(sorted(others.items()))) for pivot, weight, others in steps)
 
 
 def _eliminate(

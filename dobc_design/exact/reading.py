@@ -105,6 +105,11 @@ def counted(number: int, word: str) -> str:
     return f"{number} {word}{'' if number == 1 else 's'}"
 
 
+def some(names: Sequence[str], most: int) -> str:
+    """List names, at most so many: "a, b and 3 more"."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 def rows_of(shape: tuple[int, int]) -> str:
     """Write "2 rows of 1 number"."""
     return f"{counted(shape[0], 'row')} of {counted(shape[1], 'number')}"

@@ -31,6 +31,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
+from dobc_design.simulation.sampled import check_sampled_gain
 from dobc_design.verdict import Verdict
 
 
@@ -230,12 +231,8 @@ def make_controller(
     if problem.groups and W is None:
         raise SpecError("observer.W must be known to write the observer.", key="observer.W", cure="Give or design W.")
     L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
-    if L is not None and problem.is_grouped:
-        message = "sampled_gain is one gain for all agents, and the groups of exosystem.groups have different ones."
-        raise SpecError(message, key="sampled_gain", cure="Leave it out: the W of every group is discretised.")
-    if L is not None and shape(L) != (problem.q, problem.m):
-        message = f"sampled_gain must have shape ({problem.q}, {problem.m}); got {shape(L)}."
-        raise SpecError(message, key="sampled_gain", cure="design_observer(problem, period=...).W has it.")
+    if L is not None:
+        check_sampled_gain(shape(L), q=problem.q, m=problem.m, grouped=problem.is_grouped)
     asked, chosen = _read_period(period), _chosen(problem, agents)
     numbers = tuple(_numbers(problem, agent) for agent in chosen)
     exosystem, own, states = _observed(problem, W, chosen)

@@ -11,16 +11,13 @@ from typing import Any
 
 import control
 import numpy as np
-from numpy.typing import NDArray
 
-from dobc_design.problem.arrays import Gain, chosen_mode
+from dobc_design.problem.arrays import Array, Gain, chosen_mode
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import Field, Loop, make_field
 from dobc_design.simulation.signals import Fixed, Scheduled
 from dobc_design.simulation.switches import scheduled_switches
 from dobc_design.simulation.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control is not typed

@@ -8,8 +8,7 @@ Nothing here is trusted: a wrong number makes a file that Coq refuses.  Coq does
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable
 from fractions import Fraction
 
 from dobc_design.certificate.certificate import Certificate
@@ -17,7 +16,7 @@ from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, Stat
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import claimed
 from dobc_design.errors import SpecError
-from dobc_design.exact.cholesky import squares_of
+from dobc_design.exact.cholesky import Square, squares_of
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import template
@@ -64,25 +63,6 @@ def square_list(squares: Iterable[Square]) -> str:
         terms = [f"Term {i} {number(x)}" for i, x in each.others.items()]
         items.append(f"Square {number(each.weight)} {each.pivot}" + ("\n  " + wrapped_list(terms) if terms else " []"))
     return "  [" + ";\n   ".join(items) + "]"
-
-
-@dataclass(frozen=True, slots=True)
-class Square:
-    """d (x_pivot + sum of others[i] x_i)^2: one entry of D and one column of L.  ``others`` are the entries of the
-    column that are neither 0 nor the 1 at the pivot, by rising index."""
-
-    weight: Fraction
-    pivot: int
-    others: Mapping[int, Fraction]
-
-
-def factor(M: SparseSymmetric) -> tuple[Square, ...] | None:
-    """Return the squares M is the sum of, in the order of elimination, or None if M is not positive definite.  Pivots
-    are taken on the diagonal by least degree, then least index, so the answer is unique."""
-    steps = squares_of(M)
-    if steps is None:
-        return None
-    return tuple(Square(weight, pivot, dict(sorted(others.items()))) for pivot, weight, others in steps)
 
 
 # Rows of Psi, and squared bits to be multiplied: 10^9 of them take Coq about a minute and a half.
@@ -236,7 +216,7 @@ def _factors(statements: Statements, pair: dict[str, Matrix] | None, rate: Fract
 
 
 def _factored(matrix: SparseSymmetric, name: str) -> Factors:
-    factors = factor(matrix)
+    factors = squares_of(matrix)
     if factors is None:
         raise _unsound(f"{name} must be positive definite, as the certificate claims; it is not.")
     return factors

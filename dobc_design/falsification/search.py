@@ -19,6 +19,7 @@ import numpy as np
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
 from dobc_design.conditions.equilibrium.decide import enclose_equilibrium, refuting_check
 from dobc_design.conditions.observer.propose import observer_gain
@@ -34,7 +35,6 @@ from dobc_design.simulation._arguments import positive, seconds, whole
 from dobc_design.simulation.integrate import fastest_decay
 
 Objective = Callable[[Array], tuple[float, Array]]
-Progress = Callable[[str], None]
 
 RUNS = 500
 TOLERANCE = 1e-9

@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import named, shown
+from dobc_design.exact.reading import named, shown, some
 from dobc_design.problem.exosystems import constant
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
@@ -84,14 +84,14 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
     pairs = [(place[a], place[b]) for a, b in repelling]
     notes = list(NOTES)
     if len(buses) < len(grid.buses):
-        joined = _listed([f"{a} into {b}" for a, b in becomes.items() if a != b])
+        joined = some([f"{a} into {b}" for a, b in becomes.items() if a != b], SHOWN)
         notes.append(f"Buses joined by couplers, or by branches of reactance 0, are one agent: {joined}.")
     if repelling:
-        between = _listed([f"{a} and {b}" for a, b in repelling])
+        between = some([f"{a} and {b}" for a, b in repelling], SHOWN)
         notes.append(f"The reactance between buses {between} is negative: these push each other apart, h = -sin(y).")
     generators = tuple(dict.fromkeys(becomes[bus] for bus in grid.generators if bus in known))
     facts = {"source": grid.source, "buses": len(grid.buses), "branches": len(grid.branches), "gain": gain}
-    at = f"bus {_listed(generators)}" if generators else "no bus"
+    at = f"bus {some(generators, SHOWN)}" if generators else "no bus"
     return Problem(
         name=name,
         network=Network.from_arcs({"grid": arcs}, arrow="listens_to", agents=buses),
@@ -102,10 +102,6 @@ def grid_problem(grid: Grid, *, name: str, gain: Any = 1) -> Problem:
         exosystem=constant(),
         notes=[note.format(**facts, generators=at) for note in notes],
     )
-
-
-def _listed(items: Sequence[str]) -> str:
-    return ", ".join(items[:SHOWN]) + (f" and {len(items) - SHOWN} more" if len(items) > SHOWN else "")
 
 
 def merged(labels: Sequence[str], pairs: Sequence[tuple[str, str]]) -> dict[str, str]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
@@ -111,18 +111,12 @@ def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 
 def unreached(problem: Problem, arcs: Iterable[Arcs]) -> tuple[int, ...]:
     """Agents that nothing from a pinned agent reaches along the arcs of all given modes; exact, in linear time."""
-    listeners, speakers = _ends(arcs)
-    order = np.argsort(speakers, kind="stable")
-    heard_by = listeners[order].tolist()
-    start = np.searchsorted(speakers[order], np.arange(problem.n + 1)).tolist()
-    left = set(range(problem.n)) - set(problem.pinning.agents)
-    waiting = list(problem.pinning.agents)
-    while waiting:
-        agent = waiting.pop()
-        found = left.intersection(heard_by[start[agent] : start[agent + 1]])
-        left -= found
-        waiting += found
-    return tuple(sorted(left))
+    (listeners, speakers), n = _ends(arcs), problem.n
+    pins = np.array(problem.pinning.agents, dtype=np.int64)
+    ends = np.append(speakers, np.full(len(pins), n)), np.append(listeners, pins)  # the target is agent n
+    graph = sp.csr_array((np.ones(len(ends[0])), ends), shape=(n + 1, n + 1))
+    met = breadth_first_order(graph, n, return_predecessors=False)
+    return tuple(np.setdiff1d(np.arange(n), met).tolist())
 
 
 def _ends(arcs: Iterable[Arcs]) -> tuple[IndexArray, IndexArray]:

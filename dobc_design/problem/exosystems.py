@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design._checks import require_square
+from dobc_design._checks import put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
@@ -49,8 +49,7 @@ class Exosystem(Shown):
                 f" got shape ({len(output)}, {len(output[0])})."
             )
             raise wrong("exosystem.C", what, "Each row of C picks one component of the disturbance.", kind=ShapeError)
-        object.__setattr__(self, "A", dynamics)
-        object.__setattr__(self, "C", output)
+        put(self, A=dynamics, C=output)
 
     @property
     def order(self) -> int:

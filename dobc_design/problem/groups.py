@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dobc_design._checks import require_square
+from dobc_design._checks import put, require_square
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import counted, is_list, named, read_matrix, rows_of, shown, shown_number
+from dobc_design.exact.reading import counted, is_list, named, read_matrix, rows_of, shown, shown_number, some
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 
 
@@ -48,9 +48,7 @@ class Observer(Shown):
         if speed is not None and speed <= 0:
             what = f"must be > 0 (1/s), the decay asked of the estimate; got {shown_number(speed)}."
             raise wrong("observer.rate", what, "Leave it out for the default.")
-        object.__setattr__(self, "W", gain)
-        object.__setattr__(self, "P", lyapunov)
-        object.__setattr__(self, "rate", speed)
+        put(self, W=gain, P=lyapunov, rate=speed)
 
 
 def _check_symmetric(P: Matrix) -> None:
@@ -101,9 +99,7 @@ class Group(Shown):
             if not isinstance(value, kind) and (value is not None or kind is Exosystem):
                 what = f"of a group must be an {kind.__name__}; got {shown(value)}."
                 raise wrong(key, what, f"Make one with {kind.__name__}(...).")
-        object.__setattr__(self, "agents", names)
-        object.__setattr__(self, "exosystem", exosystem)
-        object.__setattr__(self, "observer", Observer() if observer is None else observer)
+        put(self, agents=names, exosystem=exosystem, observer=Observer() if observer is None else observer)
 
     def _card(self) -> Card:
         facts = [*self.exosystem._card().facts, *self.observer._card().facts]
@@ -232,9 +228,7 @@ def _check_all_have_p(groups: Sequence[Group]) -> None:
 
 def name_some(agents: Sequence[str]) -> str:
     """Some agents in words."""
-    names = ", ".join(named(label) for label in agents[:_SHOWN])
-    more = f" and {len(agents) - _SHOWN} more" if len(agents) > _SHOWN else ""
-    return f"agent{'' if len(agents) == 1 else 's'} {names}{more}"
+    return f"agent{'' if len(agents) == 1 else 's'} {some([*map(named, agents)], _SHOWN)}"
 
 
 # --- the groups side by side

@@ -51,6 +51,7 @@ _TEXTS = re.compile(
 )
 _DOTTED_KEY = re.compile(rb"[A-Za-z0-9_\-' \t.]++")
 _BRACKET = re.compile(rb"[\[\]{}]")
+_KINDS = {stat.S_IFREG: "", stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe"}
 
 
 def read_bytes(path: Path, *, limit: int = MAX_BYTES, what: str = PROBLEM) -> bytes:
@@ -61,7 +62,7 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES, what: str = PROBLEM) -> by
         # Not blocking, so that a pipe nobody writes to is opened and then refused.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
         try:
-            kind = _kind(os.fstat(descriptor).st_mode)
+            kind = _KINDS.get(stat.S_IFMT(os.fstat(descriptor).st_mode), "device")
             data = b"" if kind else _read_at_most(limit + 1, descriptor)
         finally:
             os.close(descriptor)
@@ -90,12 +91,6 @@ def _read_at_most(count: int, descriptor: int) -> bytes:
             pieces.append(piece)
             count -= len(piece)
     return b"".join(pieces)
-
-
-def _kind(mode: int) -> str:
-    """What is no regular file, in a word; "" for a file."""
-    kinds = {stat.S_IFREG: "", stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe"}
-    return kinds.get(stat.S_IFMT(mode), "device")
 
 
 def parse_toml(data: bytes) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from unicodedata import normalize
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import put
 from dobc_design._show.cards import MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.number import number_key, parse_number
@@ -208,7 +209,7 @@ class Network(Shown):
     modes: Mapping[str, Arcs]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "modes", MappingProxyType(dict(self.modes)))
+        put(self, modes=MappingProxyType(dict(self.modes)))
         if not self.labels:
             what = "must name at least one agent; got none."
             raise wrong("network.agents", what, "Give a count, or a list of labels.")
@@ -216,7 +217,7 @@ class Network(Shown):
         if bad:
             what = f"a label must be {WANTED}; got {shown(bad[0])}."
             raise SpecError(what, key="network.agents", cure="Rename that agent.")
-        object.__setattr__(self, "labels", tuple(map(one_form, self.labels)))
+        put(self, labels=tuple(map(one_form, self.labels)))
         if len(set(self.labels)) < len(self.labels):
             first: dict[str, int] = {}
             repeated = next(label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i)

@@ -13,6 +13,7 @@ from itertools import islice
 from types import MappingProxyType
 from typing import Any, TypeVar
 
+from dobc_design._checks import put
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
@@ -44,7 +45,7 @@ class Pinning(Shown):
         for gain in {id(k): k for k in self.gains.values()}.values():  # agents often share one matrix
             _check_gain(gain, key="pinning.gains")
         kept = {i: k for i, k in sorted(self.gains.items()) if any(any(row) for row in k)}
-        object.__setattr__(self, "gains", MappingProxyType(kept))
+        put(self, gains=MappingProxyType(kept))
 
     def _card(self) -> Card:
         return Card(title="Pinning", text=f"of {counted(len(self.gains), 'agent')}, by index", facts=self._gains())
@@ -207,7 +208,7 @@ class Problem(Shown):
 
         def keep(field: str, read: Callable[[], Any]) -> None:
             with kept(errors):
-                object.__setattr__(self, field, read())
+                put(self, **{field: read()})
 
         _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching, groups=groups)
         first = exosystem if exosystem is not None or not groups else groups[0].exosystem
@@ -229,8 +230,8 @@ class Problem(Shown):
         keep("notes", lambda: _read_notes(notes))
         raise_all(errors)
         places = {each: place for place, each in enumerate(dict.fromkeys((self.coupling, *self.exceptions.values())))}
-        object.__setattr__(self, "couplings", tuple(places))
-        object.__setattr__(self, "exception_places", {arc: places[each] for arc, each in self.exceptions.items()})
+        own = {arc: places[each] for arc, each in self.exceptions.items()}
+        put(self, couplings=tuple(places), exception_places=own)
 
     def __hash__(self) -> int:
         return hash((self.name, self.network, self.coupling, self.target, self.pinning))

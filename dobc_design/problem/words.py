@@ -6,9 +6,8 @@ from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
-from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import counted, is_scalar_matrix
+from dobc_design.exact.reading import counted, is_scalar_matrix, some
 from dobc_design.problem.arrays import unreached
 from dobc_design.problem.groups import Group
 from dobc_design.problem.meaning import disturbance_words, remarks, time_words
@@ -33,14 +32,16 @@ def describe(problem: Problem) -> str:
     for mode, arcs in problem.network.modes.items():
         lines.append(f'Mode "{mode}": {counted(len(arcs), "arc")}.')
         lines += [f"  {text}" for text in _listening(labels, arcs)]
-        missing = _some([labels[i] for i in unreached(problem, [arcs])])
+        missing = some([labels[i] for i in unreached(problem, [arcs])], LISTED)
         yes = "  Every agent is reached from a pinned agent."
         lines.append(f"  NOT REACHED from a pinned agent: {missing}." if missing else yes)
     gains = problem.pinning.gains.items()
     pins = [f"{labels[i]} (k = {number_text(k[0][0]) if is_scalar_matrix(k) else 'matrix'})" for i, k in gains]
-    lines.append(f"Pinned: {_some(pins)}." if pins else "Pinned: nobody.")
+    lines.append(f"Pinned: {some(pins, LISTED)}." if pins else "Pinned: nobody.")
     if problem.offsets:
-        lines.append(f"Formation offsets: {_some([f'{labels[i]}: {_vector(o)}' for i, o in problem.offsets.items()])}.")
+        lines.append(
+            f"Formation offsets: {some([f'{labels[i]}: {_vector(o)}' for i, o in problem.offsets.items()], LISTED)}."
+        )
     lines += [_observer(problem, group) for group in problem.groups]
     if problem.region is not None:
         pairs = ", ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states)
@@ -73,7 +74,7 @@ def _observer(problem: Problem, group: Group) -> str:
 
 
 def _of(problem: Problem, group: Group) -> str:
-    return f" of {_some(group.agents)}" if problem.is_grouped else ""
+    return f" of {some(group.agents, LISTED)}" if problem.is_grouped else ""
 
 
 def facts(problem: Problem) -> dict[str, Any]:
@@ -90,17 +91,17 @@ def facts(problem: Problem) -> dict[str, Any]:
         },
         **({"groups": [list(group.agents) for group in problem.groups]} if problem.is_grouped else {}),
         "pinned": [labels[i] for i in problem.pinning.agents],
-        "switching": None if problem.switching is None else switching_words(problem),
+        "switching": switching_words(problem),
         "notes": list(problem.notes),
         "remarks": list(remarks(problem)),
     }
 
 
-def switching_words(problem: Problem) -> str:
-    """What [switching] asks of simulations; the problem must have such a table."""
+def switching_words(problem: Problem) -> str | None:
+    """What [switching] asks of simulations; None without such a table."""
     own = problem.switching
     if own is None:
-        raise SpecError("the problem has no [switching].", key="switching", cure="Leave the words out.")
+        return None
     dwell = None if own.dwell is None else f"{number_text(own.dwell)} s"
     if own.signal == "mobile":
         return f"mobile, {_nearness(own)}; the arcs of the modes are not used, and proofs are about those arcs"
@@ -117,7 +118,7 @@ def switching_words(problem: Problem) -> str:
             f"{mode} for ever" if row[k] == 0 else f"{mode} {number_text(-1 / row[k])} s"
             for k, (mode, row) in enumerate(zip(problem.network.modes, own.generator, strict=True))
         ]
-        return f"a Markov chain, whose stays last on average: {_some(stays)}"
+        return f"a Markov chain, whose stays last on average: {some(stays, LISTED)}"
     if own.signal == "markov":
         return f"a Markov chain, stays of {dwell or 'a length not given'} on average, other modes equally likely"
     return f"random, a mode drawn anew {f'every {dwell}' if dwell else 'after a dwell time that is not given'}"
@@ -143,7 +144,3 @@ def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
 def _vector(values: Sequence[Any]) -> str:
     texts = [number_text(value) for value in values]
     return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")

@@ -57,12 +57,6 @@ def finite_array(value: Any, name: str, *, shape: tuple[int, ...], because: str)
     return array
 
 
-def put(noun: object, **values: Any) -> None:
-    """Set fields of a frozen noun that is being made."""
-    for name, value in values.items():
-        object.__setattr__(noun, name, value)
-
-
 def _float(value: Any) -> float:
     """Not a number for what is none, infinite beyond the range of floats."""
     try:

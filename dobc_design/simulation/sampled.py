@@ -28,17 +28,22 @@ from dobc_design.simulation.stressed import Crew, StressedRuns, sample_instants
 
 def discretised(loop: Loop, period: float, gain: Array | None = None) -> tuple[Array, Array, Array]:
     """Ad (q, q), Cd (m, q) and L (q, m), or (n, q, m), for ``period`` in s.  Raises: ShapeError for a wrong gain."""
-    q, m = loop.q, loop.m
     if gain is None:
         gain = integral(loop.F, period)[1] @ loop.W
-    elif loop.own is not None:
-        message = "is one gain for all agents, and the groups of exosystem.groups have different ones."
-        raise wrong("sampled_gain", message, "Leave it out: the W of every group is discretised.")
-    elif gain.shape != (q, m):
-        message = f"must have shape ({q}, {m}), one row per exosystem state; got {gain.shape}."
-        raise wrong("sampled_gain", message, "design_observer(problem, period=...).W has it.", kind=ShapeError)
+    else:
+        check_sampled_gain(gain.shape, q=loop.q, m=loop.m, grouped=loop.own is not None)
     transition, total = integral(loop.A, period)
     return transition, loop.C @ (total / period), gain
+
+
+def check_sampled_gain(shape: tuple[int, ...], *, q: int, m: int, grouped: bool) -> None:
+    """Refuse a gain of another shape than (q, m), or one for agents with different exosystems.  Raises: ShapeError."""
+    if grouped:
+        message = "is one gain for all agents, and the groups of exosystem.groups have different ones."
+        raise wrong("sampled_gain", message, "Leave it out: the W of every group is discretised.")
+    if shape != (q, m):
+        message = f"must have shape ({q}, {m}), one row per exosystem state; got {shape}."
+        raise wrong("sampled_gain", message, "design_observer(problem, period=...).W has it.", kind=ShapeError)
 
 
 def integral(A: Array, times: float | Array) -> tuple[Array, Array]:

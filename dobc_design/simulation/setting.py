@@ -20,6 +20,7 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._checks import put
 from dobc_design._show.cards import Shown, Told
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Vector, to_float
@@ -28,7 +29,7 @@ from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, mode_i
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import finite_array, not_negative, positive, put, seconds, whole
+from dobc_design.simulation._arguments import finite_array, not_negative, positive, seconds, whole
 from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, make_loop
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
 from dobc_design.simulation.signals import Fixed, Mobile, Signal

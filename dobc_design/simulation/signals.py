@@ -16,6 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from dobc_design._checks import put
 from dobc_design._show.cards import Card, Shown, Told
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.number import nearest
@@ -23,7 +24,7 @@ from dobc_design.exact.reading import counted, is_list
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
-from dobc_design.simulation._arguments import not_negative, positive, put, seconds, whole
+from dobc_design.simulation._arguments import not_negative, positive, seconds, whole
 
 DWELL = 0.5  # s, where [switching] gives none
 

@@ -18,16 +18,7 @@ from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil, below, positive
 from dobc_design.exact.symmetric import Symmetric
-from dobc_design.solvers.program import (
-    FAILED,
-    Array,
-    Program,
-    Solution,
-    as_sparse,
-    assemble,
-    is_solver_failure,
-    without_values,
-)
+from dobc_design.solvers.program import FAILED, Array, Program, Solution, as_sparse, assemble, is_solver_failure
 
 T = TypeVar("T")
 
@@ -94,7 +85,7 @@ def solve_cones(
         answer = clarabel.DefaultSolver(
             sparse.csc_matrix((curved[kept], kept, np.searchsorted(kept, np.arange(size + 1))), shape=(size, size)),
             cost,
-            _by_columns(stack([each.rows for each in cones])),
+            sparse.csc_matrix(stack([each.rows for each in cones])),
             np.concatenate([each.right for each in cones]),
             [kind(each) for each in cones],
             settings,
@@ -104,15 +95,6 @@ def solve_cones(
         if not is_solver_failure(error):
             raise
         return ConeAnswer(status=f"{FAILED}{type(error).__name__}")
-
-
-def _by_columns(rows: Any) -> Any:
-    """A NumPy or SciPy array as Clarabel takes it; dense ones without SciPy's detour."""
-    if not isinstance(rows, np.ndarray):
-        return sparse.csc_matrix(rows)
-    columns, places = np.nonzero(rows.T)
-    ends = np.searchsorted(columns, np.arange(rows.shape[1] + 1))
-    return sparse.csc_matrix((rows[places, columns], places, ends), shape=rows.shape)
 
 
 def _read(answer: Any, size: int) -> ConeAnswer:
@@ -203,10 +185,10 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
             squares[gains] = 2.0
             cones.append(cone(positive(P, floor=program.floor)))
     except (ArithmeticError, ValueError) as error:  # a number beyond the floats
-        return without_values(f"{FAILED}{type(error).__name__}", solver=SOLVER)
+        return Solution(status=f"{FAILED}{type(error).__name__}", solver=SOLVER)
     answer = solve_cones(cost, cones, squares=squares, time_limit=time_limit)
     if not answer.found:
-        return without_values(answer.status, solver=SOLVER)
+        return Solution(status=answer.status, solver=SOLVER)
     values = assemble(program.pencils[0], answer.x.tolist())
     return Solution(status=answer.status, solver=SOLVER, objective=answer.objective, values=values)
 
@@ -249,7 +231,7 @@ def solve_dense(program: Program, *, solver: str = "CLARABEL", time_limit: float
     except BaseException as error:  # a panic in Rust is no Exception
         if not is_solver_failure(error):
             raise
-        return without_values(f"{FAILED}{type(error).__name__}", solver=solver)
+        return Solution(status=f"{FAILED}{type(error).__name__}", solver=solver)
 
 
 def _read_dense(program: Program, problem: Any, variables: dict[str, Any], *, solver: str) -> Solution:
@@ -257,7 +239,7 @@ def _read_dense(program: Program, problem: Any, variables: dict[str, Any], *, so
     unknowns = program.pencils[0].unknowns
     missing = problem.value is None or any(variables[unknown.name].value is None for unknown in unknowns)
     if missing or not math.isfinite(problem.value):
-        return without_values(str(problem.status), solver=solver)
+        return Solution(status=str(problem.status), solver=solver)
     numbers = [float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()]
     values = assemble(program.pencils[0], numbers)
     return Solution(status=str(problem.status), solver=solver, objective=float(problem.value), values=values)

@@ -48,7 +48,7 @@ class Solution:
 
     status: str
     solver: str
-    objective: float
+    objective: float = math.nan
     values: Mapping[str, Array] = field(default_factory=dict)
 
     @property
@@ -60,11 +60,6 @@ class Solution:
     def broken(self) -> bool:
         """Whether the solver itself broke down or ran out of time: asking it again would be no better."""
         return self.status.startswith(FAILED) or self.status in OUT_OF_TIME
-
-
-def without_values(status: str, *, solver: str) -> Solution:
-    """What is returned where a solver has nothing to show."""
-    return Solution(status=status, solver=solver, objective=math.nan)
 
 
 def is_solver_failure(error: BaseException) -> bool:
@@ -81,10 +76,8 @@ def as_sparse(matrix: Symmetric) -> Any:
 
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:
-    """Turn the vector of independent entries into one array per unknown.  Raises ValueError if there are too few."""
+    """Turn the vector of independent entries into one array per unknown; there may be more numbers."""
     places = [(unknown, i, j) for unknown in pencil.unknowns for _, i, j in unknown.places()]
-    if len(numbers) < len(places):
-        raise ValueError(f"a solver answered with {len(numbers)} numbers, not {len(places)}")
     result = {unknown.name: np.zeros((unknown.rows, unknown.columns)) for unknown in pencil.unknowns}
     for (unknown, i, j), number in zip(places, numbers, strict=False):
         result[unknown.name][i, j] = number

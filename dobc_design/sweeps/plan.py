@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dobc_design import __version__
+from dobc_design._checks import put
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import float_above
 from dobc_design.exact.reading import shown
@@ -24,7 +25,7 @@ from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import load_problem, parse_toml, read_problem_tables, source_text
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation._arguments import put, whole
+from dobc_design.simulation._arguments import whole
 from dobc_design.sweeps.axes import Axis, read_axes, read_value, with_changes
 from dobc_design.verdict import Verdict
 
@@ -196,7 +197,7 @@ def make_plan(
     seed: int = 0,
 ) -> Plan:
     """Read the problem and the axes.  Raises: SpecError for a wrong problem, axis or number of samples."""
-    problem = source if isinstance(source, Problem) else load_problem(source)
+    problem = load_problem(source)
     axes = read_axes(over)
     drawn = [axis.name for axis in axes if axis.draw is not None]
     if drawn and samples is None:

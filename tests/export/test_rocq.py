@@ -19,10 +19,11 @@ from regions import without_region
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
+from dobc_design.exact.cholesky import Square, squares_of
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import scale
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.export.rocq import Square, factor, rocq_proof
+from dobc_design.export.rocq import rocq_proof
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
@@ -394,7 +395,7 @@ def symmetric(draw):
 
 @given(symmetric())
 def test_factors_exist_exactly_for_positive_definite_matrices_and_multiply_out(M):
-    squares = factor(M)
+    squares = squares_of(M)
     assert (squares is not None) == (decide_positive_definite(M).verdict is Verdict.PROVED)
     if squares is not None:
         assert_factors(
@@ -403,16 +404,16 @@ def test_factors_exist_exactly_for_positive_definite_matrices_and_multiply_out(M
 
 
 def test_a_semidefinite_matrix_or_a_zero_row_has_no_factors_and_the_empty_matrix_the_empty_sum():
-    assert factor(SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})) is None
-    assert factor(SparseSymmetric(2, {(0, 0): Fraction(1)})) is None
-    assert factor(SparseSymmetric(0, {})) == ()
+    assert squares_of(SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})) is None
+    assert squares_of(SparseSymmetric(2, {(0, 0): Fraction(1)})) is None
+    assert squares_of(SparseSymmetric(0, {})) == ()
 
 
 def test_the_leaves_of_a_star_go_first():
     """Least degree first: no fill-in."""
     leaves = {(i, i): Fraction(1) for i in (1, 2, 3)} | {(0, i): Fraction(1) for i in (1, 2, 3)}
     M = SparseSymmetric(4, {(0, 0): Fraction(4)} | leaves)
-    squares = factor(M)
+    squares = squares_of(M)
     assert squares == (
         Square(Fraction(1), 1, {0: Fraction(1)}),
         Square(Fraction(1), 2, {0: Fraction(1)}),

@@ -19,7 +19,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import builtin_text, read_problem_text
 from dobc_design.solvers import conic
 from dobc_design.solvers.conic import solve_dense, solve_directly
-from dobc_design.solvers.program import Program, Solution, is_solver_failure, without_values
+from dobc_design.solvers.program import Program, Solution, is_solver_failure
 from dobc_design.verdict import Verdict
 
 
@@ -142,7 +142,7 @@ FEW = ("raises", "nan", "zeros", "huge")
 def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
     """The last rung is an exact Lyapunov equation, scaled up: no solver is needed for a proof."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing((OUTCOMES | LIES)[name]))
-    monkeypatch.setattr(conic, "solve_dense", lambda program, **options: without_values("failed: x", solver="SCS"))
+    monkeypatch.setattr(conic, "solve_dense", lambda program, **options: Solution(status="failed: x", solver="SCS"))
     for problem in (without_region("paper-fixed"), without_region("paper-switching"), cycle(4)):
         decided(problem)
 
@@ -179,7 +179,7 @@ def test_pairs_are_proposed_for_any_estimate(harmonic, bound):
 
 def nothing(program: Program, **options: object) -> Solution:
     """A solver that gives up."""
-    return without_values("failed: nothing", solver="none")
+    return Solution(status="failed: nothing", solver="none")
 
 
 @pytest.fixture
@@ -239,7 +239,7 @@ def test_a_solver_that_runs_out_of_time_is_not_asked_again(monkeypatch, harmonic
     def slow(name: str):
         def solve(program: Program, **options: object) -> Solution:
             calls.append(name)
-            return without_values("MaxTime", solver=name)
+            return Solution(status="MaxTime", solver=name)
 
         return solve
 

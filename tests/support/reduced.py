@@ -15,7 +15,7 @@ from dobc_design.conditions.consensus.propose import float_lambda, largest_eigen
 from dobc_design.errors import SpecError
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_directly
-from dobc_design.solvers.program import Program, Solution, without_values
+from dobc_design.solvers.program import Program, Solution
 
 
 def reduced_program(problem: Problem, *, objective: str = "size") -> Program | None:
@@ -38,5 +38,5 @@ def solve_reduced(problem: Problem, *, objective: str = "size", time_limit: floa
     """
     program = reduced_program(problem, objective=objective)
     if program is None:
-        return without_values("failed: no estimate of lambda_max", solver="Clarabel")
+        return Solution(status="failed: no estimate of lambda_max", solver="Clarabel")
     return solve_directly(program, time_limit=time_limit)

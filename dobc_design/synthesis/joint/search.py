@@ -9,7 +9,7 @@ the best few.  What is given up first is what the refutation names; how far is r
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache
@@ -19,7 +19,7 @@ from typing import Any
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
-from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.coverage import Progress, asked_radius
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
@@ -59,7 +59,6 @@ EXCHANGES = 120  # quick comparisons spent on exchanges of the first set
 ONE_BY_ONE = 4  # pins more than needed that are tried one by one; then twice as many each time
 DECISIVE = 1.02  # rates that are closer than this do not decide
 SHOWN, BUYS = 6, 3  # gains in a sentence, and agents in the one on what a further pin buys
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

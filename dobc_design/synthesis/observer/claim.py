@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
+from dobc_design._checks import put
 from dobc_design._show.cards import Card, Shown, Told, cut
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
@@ -47,7 +48,7 @@ class HalfPlane(Told):
             text = f"a HalfPlane must have one side, left_of or right_of; got {got}."
             raise SpecError(text, key="region", cure="For a strip give two half planes in a list.")
         for name, value in (("left_of", left_of), ("right_of", right_of)):
-            object.__setattr__(self, name, None if value is None else parse_number(value, key=f"region.{name}"))
+            put(self, **{name: None if value is None else parse_number(value, key=f"region.{name}")})
 
     def __str__(self) -> str:
         low, high = self.real_ends
@@ -67,16 +68,15 @@ class Disk(Told):
     radius: Fraction
 
     def __init__(self, *, centre: Any, radius: Any) -> None:
-        object.__setattr__(self, "centre", parse_number(centre, key="region.centre"))
         why, cure = ", so that the disk holds something", "Give a positive radius (1/s)."
-        object.__setattr__(self, "radius", read_positive(radius, "region.radius", why=why, cure=cure))
+        put(self, centre=parse_number(centre, key="region.centre"))
+        put(self, radius=read_positive(radius, "region.radius", why=why, cure=cure))
 
     def __str__(self) -> str:
         return f"|s - ({shown_number(self.centre)})| <= {shown_number(self.radius)}"
 
     @property
     def real_ends(self) -> Ends:
-        """Where the region begins and ends on the real axis."""
         return self.centre - self.radius, self.centre + self.radius
 
 
@@ -87,7 +87,7 @@ class Cone(Told):
     damping: Fraction
 
     def __init__(self, *, damping: Any) -> None:
-        object.__setattr__(self, "damping", parse_number(damping, key="region.damping"))
+        put(self, damping=parse_number(damping, key="region.damping"))
         if not 0 < self.damping < 1:
             text = "region.damping must lie between 0 and 1, as the cosine of the cone's half angle; got"
             cure = "For real eigenvalues only, ask for 0.999."
@@ -98,7 +98,6 @@ class Cone(Told):
 
     @property
     def real_ends(self) -> Ends:
-        """Where the region begins and ends on the real axis."""
         return None, Fraction(0)
 
 
@@ -125,8 +124,7 @@ class NoiseLimit(Told):
             if value not in words:
                 text = f"noise.{name} must be one of {', '.join(words)}; got {shown(value)}."
                 raise SpecError(text, key=f"noise.{name}", cure=f'For example {name}="{words[0]}".')
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "bound", read_positive(bound, "noise"))
+        put(self, channel=channel, norm=norm, bound=read_positive(bound, "noise"))
 
     def __str__(self) -> str:
         sign = "<=" if self.norm == "h2" else "<"

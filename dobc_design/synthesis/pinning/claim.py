@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -12,7 +11,7 @@ from typing import Any
 
 from dobc_design._show.cards import Card, listed, plain
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.numbers import shorten
+from dobc_design.conditions.numbers import rounded_up, shorten
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError, kept, raise_all
@@ -118,14 +117,8 @@ def _by_agent(value: Any, index: Mapping[str, int], *, key: str, why: str) -> di
 def typed_gains(gains: Mapping[int, float], *, digits: int, caps: Gains) -> dict[int, Fraction]:
     """Gains rounded up to so many digits, or their caps where those are less; what is nearly 0 is left out."""
     least = max(gains.values(), default=0.0) * NOISE
-    typed = {agent: rounded_up(Fraction(k), digits) for agent, k in sorted(gains.items()) if k > least}
+    typed = {agent: rounded_up(Fraction(k), digits=digits) for agent, k in sorted(gains.items()) if k > least}
     return {agent: min(k, caps.get(agent, k)) for agent, k in typed.items()}
-
-
-def rounded_up(value: Fraction, digits: int) -> Fraction:
-    """The next number of so many digits; ``value`` > 0."""
-    unit = Fraction(10) ** (math.floor(math.log10(value)) - digits + 1)
-    return math.ceil(value / unit) * unit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

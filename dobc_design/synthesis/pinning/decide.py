@@ -23,6 +23,7 @@ import numpy as np
 
 from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, jacobians_at_consensus
 from dobc_design.conditions.consensus.network import TOPS, Enclosed, find_witness, is_negative, name_agents, refutes
+from dobc_design.conditions.numbers import rounded_up
 from dobc_design.conditions.statement import Statement, refuted
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError
@@ -34,7 +35,7 @@ from dobc_design.exact.zmatrix import proves
 from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.claim import Bound, Gains, PinningRequest, Structure, rounded_up
+from dobc_design.synthesis.pinning.claim import Bound, Gains, PinningRequest, Structure
 from dobc_design.verdict import Verdict
 
 ZERO = Fraction(0)
@@ -353,4 +354,4 @@ def _too_few_pins(
 
 def _above(limit: Fraction) -> str:
     """At most four digits, not below."""
-    return f"{float(rounded_up(limit, 4)):.4g}" if limit else "0"
+    return f"{float(rounded_up(limit, digits=4)):.4g}" if limit else "0"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
@@ -19,8 +19,8 @@ from typing import Any
 
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.network import Enclosed, carriers, name_agents
-from dobc_design.conditions.coverage import asked_radius
-from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.coverage import Progress, asked_radius
+from dobc_design.conditions.numbers import claimed, rounded_up, shorten
 from dobc_design.conditions.separable import decide as separable
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, find_ordering
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
@@ -41,7 +41,6 @@ from dobc_design.synthesis.pinning.claim import (
     PinningRequest,
     Structure,
     prices_in_words,
-    rounded_up,
     typed_gains,
     without_gains,
 )
@@ -53,7 +52,6 @@ from dobc_design.verdict import Verdict
 TILTS = (1, 10, 1000, Fraction(1, 100))  # of the last digit but two: how much faster a rate is designed for
 SHOWN = 5  # ties put into words
 LONGEST = 400  # entries of a witness that a statement writes out
-Progress = Callable[[str], None]
 WORK = 60_000  # nodes times agents, of few agents
 FEW, MOST_WORK = 300, 18_000_000  # up to so many; then nodes times squared agents, for a node takes a solve
 ALIKE = Fraction(1, 10**7)  # bounds this close (relatively) to the best cost close a node
@@ -351,7 +349,7 @@ def _weaker(ground: Ground, proposer: PinningProposer, kind: str | None) -> Iter
             enough = proposer.fastest(request.allowed, middle) > float(request.rate)
             low, high = (low, middle) if enough else (middle, high)
         factor = Fraction(high * 1.001)
-        yield replace(request, caps={i: rounded_up(cap * factor, 4) for i, cap in request.caps.items()})
+        yield replace(request, caps={i: rounded_up(cap * factor, digits=4) for i, cap in request.caps.items()})
     fastest = proposer.fastest(request.allowed, 1.0)
     for part in (0.99, 0.9) if 0 < fastest < math.inf else ():
         rate = claimed(shorten(fastest * part, digits=3))

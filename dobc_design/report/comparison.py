@@ -40,10 +40,6 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         told += f" The first {MOST_DIFFERENCES} are listed." if count > MOST_DIFFERENCES else ""
     facts = [(name, fact(first), fact(second)) for name, fact in FACTS]
     summary = _marked("Facts about both certificates", ("", *SIDES), facts)
-    verdicts = [
-        (doc.Strong(letter), f", {each.problem.name}: {words.mark_of(each.verdict)}. {each.reason}")
-        for letter, each in sides
-    ]
     certificates = (
         doc.Beside([(_box(letter, each),) for letter, each in sides]),
         summary,
@@ -74,12 +70,11 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         identity=identity,
         footer=f"A: {words.shortened(a, LONGEST_NAME)} · B: {words.shortened(b, LONGEST_NAME)}, compared",
         blocks=(
-            doc.in_markdown(doc.List(verdicts), summary),
-            doc.on_pages(doc.Section("The two certificates", certificates, "certificates", "Facts")),
+            doc.Section("The two certificates", certificates, "certificates", "Facts"),
             doc.Section("What differs between the problems", problems, "differences", "Problems"),
             _checks(first, second),
             *_starts(first, second),
-            doc.on_pages(doc.Section("Check it yourself", (again,), "recheck")),
+            doc.Section("Check it yourself", (again,), "recheck"),
         ),
     )
 
@@ -151,8 +146,8 @@ def _checks(first: Certificate, second: Certificate) -> doc.Section:
     rows = [_compared(pair) for pair in pairs[:MOST_ROWS]]
     blocks = (
         _marked("Checks of both certificates with verdict, margin and rate", columns, rows),
-        *((doc.on_pages(doc.Text(f"And {hidden} more, in the certificates.")),) if hidden > 0 else ()),
-        doc.on_pages(doc.Text(told, "caption")),
+        *((doc.Text(f"And {hidden} more, in the certificates."),) if hidden > 0 else ()),
+        doc.Text(told, "caption"),
     )
     return doc.Section("What was checked", blocks, "checks", "Checks")
 

@@ -45,18 +45,16 @@ def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Pi
     norms = "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds"
     norms += f" the ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, where all {size} components may"
     norms += " be off at once."
-    timing = doc.List(timing_sentences(regions))
-    told = (doc.Section("Time, late messages and sampling", (timing,)),)
+    timing = timing_sentences(regions)
+    told = (doc.Section("Time, late messages and sampling", (doc.List(timing),)),) if timing else ()
     blocks = (
-        doc.in_markdown(doc.Text(f"{asked} {norms}")),
-        doc.Only(("html", "pdf", "latex"), (doc.Text(asked),)),
+        doc.Text(asked),
         doc.on_pages(doc.Pictures(pictures)),
         regions_table(regions, disturbed=bool(problem.groups)),
-        doc.on_pages(doc.Text(norms, "caption")),
+        doc.Only(doc.READ, (doc.Text(norms, "caption"),)),
         doc.in_markdown(*((doc.Text(agents_sentence(regions)),) if regions.agents else ())),
         doc.Only(doc.READ, () if rest is None else (doc.Text(rest),)),
-        doc.on_pages(*(told if timing.items else ())),
-        doc.in_markdown(timing),
+        doc.Only(doc.READ, told),
     )
     yield doc.Section("From which starts it is proved", blocks, "region", "Region")
 
@@ -200,8 +198,9 @@ def settling_section(
             " the error so far down that this is inside its own region; every bound goes on to hold afterwards."
         )
     blocks = (
-        doc.in_markdown(doc.Text(f"{sentence} {stages}")),
-        doc.on_pages(doc.Text(sentence), doc.Pictures(pictures), doc.Text(stages)),
+        doc.Text(sentence),
+        doc.on_pages(doc.Pictures(pictures)),
+        doc.Text(stages),
         stages_table(settling, timings),
         *(doc.Text(each, "caption") for each in timing_notes(timings)),
     )

@@ -26,6 +26,7 @@ from dobc_design.verdict import Verdict
 MOST_LISTED = 40  # agents listed one by one
 MOST_MODES = 6
 MOST_NAMES = 12
+MOST_EIGENVALUES = 8
 GIVEN, FOUND = "the P given", "the P found"
 SYMBOLS = {Verdict.PROVED: "✓", Verdict.REFUTED: "✗", Verdict.UNDECIDED: "?"}
 MEANINGS = {
@@ -132,6 +133,16 @@ def verdict_counts(checks: Iterable[Check], order: Iterable[Verdict] = Verdict) 
     """How many checks have each verdict, as far as there are any."""
     found = [check.verdict for check in checks]
     return ", ".join(f"{found.count(each)} {each.value}" for each in order if each in found)
+
+
+def eigenvalues(values: Sequence[complex]) -> str:
+    """The first eigenvalues, and how many more there are."""
+    shown = [
+        number(v.real) + (f" {'−' if v.imag < 0 else '+'} {number(abs(v.imag))}i" if v.imag else "")
+        for v in map(complex, values[:MOST_EIGENVALUES])
+    ]
+    hidden = len(values) - len(shown)
+    return ", ".join(shown) + (f" and {hidden} more" if hidden else "")
 
 
 def shortened(text: str, longest: int = 1200) -> str:

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from dobc_design._show.text import latex_decimal, latex_matrix, latex_number, lower
+from dobc_design._show.text import latex_decimal, latex_matrix, latex_number
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
 from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.meaning import remarks
@@ -84,7 +83,8 @@ def report_document(
     the consensus, printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time;
     ``searches`` for counterexamples."""
     problem, again, verdict = certificate.problem, checks.reproduction(certificate), certificate.verdict
-    mark, facts, proved = words.mark_of(verdict), tuple(_facts(certificate)), verdict is Verdict.PROVED
+    mark, proved = words.mark_of(verdict), verdict is Verdict.PROVED
+    facts = [(name, told) for name, told in words.facts(certificate).items() if proved or told != "–"]
     identity = checks.title_block(again)
     verdicts = doc.Terms([(words.mark_of(each), "", words.MEANINGS[each]) for each in Verdict])
     return doc.Document(
@@ -124,16 +124,6 @@ def report_document(
             checks.signatures_section(),
         ),
     )
-
-
-def _facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
-    if certificate.verdict is Verdict.PROVED:
-        domain, rate = words.covering_domain(certificate), certificate.rate
-        yield "Holds for", words.domain_words(domain) if domain is not None else "–"
-        yield "Certified decay rate", "–" if rate is None else f"{lower(rate)} 1/s"
-        yield "Shown by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"
-    yield "Agents", str(certificate.problem.n)
-    yield "Modes", str(len(certificate.problem.network.modes))
 
 
 def _meaning(certificate: Certificate) -> doc.Section:

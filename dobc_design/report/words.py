@@ -10,7 +10,7 @@ from typing import Any, Final
 from dobc_design._show.text import significant, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
-from dobc_design.conditions.kinds import ids_of
+from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import number_text
@@ -86,6 +86,18 @@ def covering_domain(certificate: Certificate) -> Domain | None:
     """The domain of the proof that carries the verdict."""
     proved = (each for each in certificate.checks if each.verdict is Verdict.PROVED)
     return next((each.domain for each in proved if each.id == certificate.covered_by), None)
+
+
+def facts(certificate: Certificate) -> dict[str, str]:
+    """A certificate in a few words by name; an en dash where it says nothing."""
+    domain, rate, proof = covering_domain(certificate), certificate.rate, certificate.covered_by
+    return {
+        "Holds for": "–" if domain is None else domain_words(domain),
+        "Certified decay rate": "–" if rate is None else f"{_number(rate)} 1/s",
+        "Shown by": KINDS[proof].name if proof in KINDS else "–",
+        "Agents": str(certificate.problem.n),
+        "Modes": str(len(certificate.problem.network.modes)),
+    }
 
 
 def number(value: float | None) -> str:

@@ -17,6 +17,7 @@ from dobc_design.conditions.consensus.claim import PairFacts, Statements, state_
 from dobc_design.conditions.consensus.cures import PinProposal, rounded_up
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import Directions, carriers, is_negative, name_agents, unpinned_witness
+from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, too_large
 from dobc_design.conditions.observer.propose import design_gain
@@ -37,7 +38,6 @@ CHEAPER = 0.8  # part of the total from which another pin is worth a word
 BISECTIONS = 30
 
 Decide = Callable[[Problem], Sequence[Check]]
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from itertools import chain, pairwise
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._show.cards import listed
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
@@ -30,7 +31,6 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 LARGEST_ORDER = 40  # of an exosystem that is described part by part
-MOST_NAMED = 6
 FAR_APART = 10**6  # gains or weights whose ratio is larger are worth a word
 FAST, LONG = 1000, 10**4  # how often faster, or longer, than anything else is worth a word
 SAMPLES = 801  # of a coupling over the region
@@ -198,7 +198,7 @@ def _about_network(problem: Problem) -> Iterator[str]:
         linked[arcs.listeners] = linked[arcs.speakers] = True
     alone = np.flatnonzero(~linked).tolist() if linked.any() else []
     if alone:
-        yield f"Agents without any arc: {_names([labels[i] for i in alone])}. Is an arc missing?"
+        yield f"Agents without any arc: {listed([labels[i] for i in alone])}. Is an arc missing?"
     if not problem.pinning.agents:
         yield "No agent is pinned; the group can drift as a whole. Give an agent a gain in [pinning]."
     elif missing := [labels[i] for i in unreached(problem, modes.values()) if i not in alone]:
@@ -209,10 +209,10 @@ def _about_network(problem: Problem) -> Iterator[str]:
                 'in place of "listens_to", or the reverse) every agent is reached.'
             )
         else:
-            yield f"No path of arcs leads from a pinned agent to {_names(missing)}. Add an arc, or a gain there."
+            yield f"No path of arcs leads from a pinned agent to {listed(missing)}. Add an arc, or a gain there."
     empty = [name for name, arcs in modes.items() if not len(arcs)]
     if empty and problem.n > 1:
-        yield f"In mode {_names(empty)} nobody listens to anybody."
+        yield f"In mode {listed(empty)} nobody listens to anybody."
     known: dict[Arcs, str] = {}
     for name, arcs in modes.items():
         if known.setdefault(arcs, name) != name:
@@ -295,7 +295,7 @@ def _about_region(problem: Problem) -> Iterator[str]:
         goals.setdefault(problem.goal_of(i), []).append(labels[i])
     for shared in goals.values():
         if len(shared) > 1:
-            yield f"The agents {_names(shared)} have the same goal. Is an offset missing in [formation]?"
+            yield f"The agents {listed(shared)} have the same goal. Is an offset missing in [formation]?"
     if region is None:
         return
     pairs = list(enumerate(region.initial_states))
@@ -308,7 +308,7 @@ def _about_region(problem: Problem) -> Iterator[str]:
             yield f"The target {goal} is outside region.initial_states [{low}, {high}]{component}."
     away = [labels[i] for i in problem.offsets if not all(lo <= problem.goal_of(i)[c] <= hi for c, (lo, hi) in pairs)]
     if away:
-        yield f"The goal (target + offset) of {_names(away)} is outside region.initial_states."
+        yield f"The goal (target + offset) of {listed(away)} is outside region.initial_states."
     error, width = region.initial_disturbance, max(hi - lo for _, (lo, hi) in pairs)
     if error == 0:
         yield "region.initial_disturbance = 0: the proof holds only if every observer starts with the true disturbance."
@@ -391,11 +391,7 @@ def _about_switching(problem: Problem) -> Iterator[str]:
     active = own.sequence or tuple(mode for _, mode in own.schedule or ())
     idle = [mode for mode in modes if active and mode not in active]
     if idle:
-        yield f"[switching] never makes {_names(idle)} active; a proof has to hold in every mode all the same."
+        yield f"[switching] never makes {listed(idle)} active; a proof has to hold in every mode all the same."
     ends = [mode for mode, row in zip(modes, own.generator or (), strict=False) if not any(row)]
     if ends:
-        yield f"The Markov chain never leaves {_names(ends)}: that row of switching.generator is 0."
-
-
-def _names(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
+        yield f"The Markov chain never leaves {listed(ends)}: that row of switching.generator is 0."

@@ -68,7 +68,7 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
 
 
 def _apart_reason(problem: Problem) -> str | None:
-    """Agents that stay away from the target when they are moved away together, if the region lets them start so."""
+    """Agents that nothing pulls to the target, if the region lets them start so."""
     labels = problem.network.labels
     apart = unreached(problem, problem.network.modes.values())
     for group, free in unheld_groups(problem):
@@ -77,14 +77,14 @@ def _apart_reason(problem: Problem) -> str | None:
             continue
         if set(group) <= set(apart):
             who = name_agents(tuple(labels[i] for i in apart))
-            pins = f"no pinned agent reaches {who}"
+            pins = f"no pinned agent reaches {who}, in any mode, so nothing pulls {'it' if len(apart) == 1 else 'them'}"
             if not problem.pinning.agents:
-                pins = f"no agent is pinned, so nobody holds {who}"
-            told = f"Consensus fails: {pins}, in any mode. Moved away from the target together, they stay there."
-            return told + f" {cure_in_words(problem, list(problem.network.modes.values()))}"
+                pins = f"no agent is pinned, so nothing pulls {who}"
+            cure = cure_in_words(problem, list(problem.network.modes.values()))
+            return f"Consensus fails: {pins} to the target. {cure}"
         direction = ", ".join(number_text(x) for x in c)
         text = f"Consensus fails: the gains of {name_agents(tuple(labels[i] for i in group))} leave the direction"
-        text += f" ({direction}) free, and they listen to nobody else. Moved along it together, they stay there."
+        text += f" ({direction}) free, and no other agent acts on it: an error in this direction never decays."
         return text + " Give one of them a gain k with k c != 0 for that direction c."
     return None
 

@@ -5,16 +5,12 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
 from dobc_design.cli import output
-from dobc_design.errors import CertificateError, SpecError
-
-if TYPE_CHECKING:
-    from dobc_design.certificate.claims import Claims
-    from dobc_design.problem.problem import Problem
+from dobc_design.errors import SpecError
 
 TARGETS = "--c DIR, --fmu FILE, --sdpa FILE, --python-control FILE or --rocq FILE"
 
@@ -103,7 +99,10 @@ def _c(file: str, folder: Path, asked: _Asked, progress: Stage) -> Exported:
 
     check_free(folder, force=asked.force)
     problem = load_problem(file)
-    claims = None if asked.certificate is None else _checked_claims(asked.certificate, problem, progress)
+    claims = None
+    if asked.certificate is not None:
+        progress("verifying the certificate")
+        claims = output.read_claims(asked.certificate, problem)
     progress("discretising and simulating")
     agents, precision = None if asked.agent is None else [asked.agent], asked.precision or "double"
     found = to_c(problem, period=asked.period, precision=precision, agents=agents, certificate=claims)
@@ -159,30 +158,8 @@ def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
 
     certificate = Path(file)
     folder = certificate if certificate.is_dir() else certificate.parent
-    claims = _claims(certificate)
+    claims = output.read_claims(certificate)
     trusted = load_problem(str(folder / "problem.json") if asked.problem is None else asked.problem)
     text = rocq_proof(Certificate(problem=trusted, claims=claims), rate=asked.rate)
     output.write_file(target, text.encode("ascii"), key="--rocq")
     return {"rocq": str(target)}, f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"
-
-
-def _claims(certificate: Path) -> Claims:
-    """The claims of a certificate.  Raises: SpecError when it cannot be read: what was handed in is wrong."""
-    from dobc_design.certificate.text import read_claims
-
-    try:
-        return read_claims(output.read_certificate(certificate))
-    except CertificateError as error:
-        raise SpecError(error.message, key=error.key, cure=error.cure) from error
-
-
-def _checked_claims(certificate: Path, problem: Problem, progress: Stage) -> Claims:
-    """The claims, after every one of them was decided again for this problem.  Raises: SpecError otherwise."""
-    from dobc_design.certification.certify import verify
-
-    claims = _claims(certificate)
-    progress("checking the certificate")
-    if not verify(claims, problem).holds:
-        message = "--certificate must be one of this problem that holds; this one does not."
-        raise SpecError(message, key="--certificate", cure="`dobc verify` says why; `dobc certify` makes a new one.")
-    return claims

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
+    from dobc_design.certificate.claims import Claims
     from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.conditions.schedule.decide import Settling
     from dobc_design.falsification.suspect import Falsification
@@ -361,6 +362,22 @@ def write_file(path: Path, data: bytes, *, key: str) -> None:
         write_atomically(path, data)
     except CertificateError as error:
         raise CertificateError(error.message, key=key, cure="Choose another place.") from error
+
+
+def read_claims(certificate: Path, problem: Problem | None = None) -> Claims:
+    """The claims of a certificate; with ``problem`` only if every one of them, decided again, holds for it.  Raises:
+    SpecError also where it cannot be read: what was handed in is wrong."""
+    from dobc_design.certificate import text
+    from dobc_design.certification.certify import verify
+
+    try:
+        claims = text.read_claims(read_certificate(certificate))
+    except CertificateError as error:
+        raise SpecError(error.message, key=error.key, cure=error.cure) from error
+    if problem is not None and not verify(claims, problem).holds:
+        message = "--certificate must be one of this problem that holds; this one does not."
+        raise SpecError(message, key="--certificate", cure="`dobc verify` says why; `dobc certify` makes a new one.")
+    return claims
 
 
 def read_certificate(certificate: Path) -> bytes:

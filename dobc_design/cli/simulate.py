@@ -174,16 +174,10 @@ def _breaking(found: Any, problem: Problem, proof: Certificate | None) -> dict[s
 def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) -> Certificate:
     """The certificate at ``place``, every claim decided again.  Raises: SpecError unless all of them hold."""
     from dobc_design.certificate.certificate import Certificate
-    from dobc_design.certificate.text import read_claims
-    from dobc_design.certification.certify import verify
     from dobc_design.conditions.observer.propose import observer_gain
 
     progress("verifying the certificate")
-    claims = read_claims(output.read_certificate(place))
-    if not verify(claims, problem).holds:
-        message = "the certificate does not hold for this problem, so nothing of it is shown."
-        cure = f"`dobc verify {place}` with --problem says which claim fails."
-        raise SpecError(message, key="--certificate", cure=cure)
+    claims = output.read_claims(place, problem)
     if claims.W is not None and observer_gain(problem) != claims.W:
         message = "the certificate is about another observer gain W than the one that is designed here."
         cure = "Certify the problem anew, or give the W of the certificate in [observer]."

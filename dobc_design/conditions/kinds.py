@@ -129,7 +129,7 @@ _ROWS: Final = (
         statement=r"\text{each agent is reached from } \{i : k_i \ne 0\}",
         plain="each agent is reached from an agent with k != 0",
         proved="The graph does not stand in the way.",
-        refuted="The agents named listen to nobody who hears a pin; moved away together, they stay away in this mode.",
+        refuted="No pinned agent reaches the agents named: in this mode nothing pulls them to the target.",
         source="Theory, section 2.",
     ),
     _paper(

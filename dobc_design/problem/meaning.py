@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import suppress
 from itertools import chain, pairwise
 from typing import Any
@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dobc_design._show.cards import listed
 from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import to_float
+from dobc_design.exact.matrix import identity, to_float
 from dobc_design.exact.number import nearest, to_fmpq_mat
 from dobc_design.exact.observability import observable_reduction
 from dobc_design.problem.arrays import Array, consensus_jacobian, pinning_matrix, require_floats, unreached
@@ -30,7 +31,6 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 LARGEST_ORDER = 40  # of an exosystem that is described part by part
-MOST_NAMED = 6
 FAR_APART = 10**6  # gains or weights whose ratio is larger are worth a word
 FAST, LONG = 1000, 10**4  # how often faster, or longer, than anything else is worth a word
 SAMPLES = 801  # of a coupling over the region
@@ -104,12 +104,13 @@ def time_words(problem: Problem) -> str:
     fast, slow = _time_scales(problem) if _has_floats(problem) else ([], [])
     if not fast or not slow:
         return ""
-    (least, who), (most, what) = min(fast), max(slow)
-    step = significant(least / 10, 1)
-    return (
-        f"fastest {significant(least, 3)} s ({who}), slowest {significant(most, 3)} s ({what}); "
-        f"sample and integrate with steps of at most {step} s"
-    )
+    step = significant(min(fast)[0] / 10, 1)
+    scales = f"fastest {_scale(*min(fast))}, slowest {_scale(*max(slow))}"
+    return f"{scales}; sample and integrate with steps of at most {step} s"
+
+
+def _scale(time: float, who: str) -> str:
+    return f"{significant(time, 3)} s ({who})"
 
 
 def _has_floats(problem: Problem) -> bool:
@@ -148,10 +149,7 @@ def remarks(problem: Problem) -> tuple[str, ...]:
     """What an engineer should look at before trusting any answer about ``problem``, the gravest first."""
     floats = _has_floats(problem)
     found = chain(
-        *(
-            _about_disturbance(group, f" of the group of agent {group.name}" * problem.is_grouped)
-            for group in problem.groups
-        ),
+        *(_about_disturbance(problem, group) for group in problem.groups),
         _about_network(problem),
         _about_couplings(problem),
         *(_over_region(problem, coupling) for coupling in problem.couplings if floats),
@@ -163,14 +161,11 @@ def remarks(problem: Problem) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _about_disturbance(group: Group, whose: str) -> Iterator[str]:
-    exosystem = group.exosystem
+def _about_disturbance(problem: Problem, group: Group) -> Iterator[str]:
+    exosystem, whose = group.exosystem, f" of the group of agent {group.name}" * problem.is_grouped
     if exosystem.order > LARGEST_ORDER:
         return
-    seen = _parts(exosystem)
-    everything = _parts(
-        Exosystem(A=exosystem.A, C=[[int(i == j) for j in range(exosystem.order)] for i in range(exosystem.order)])
-    )
+    seen, everything = _parts(exosystem), _parts(Exosystem(A=exosystem.A, C=identity(exosystem.order)))
     for part in seen:
         if part[0] > 0:
             yield (
@@ -178,10 +173,7 @@ def _about_disturbance(group: Group, whose: str) -> Iterator[str]:
                 "exosystem.A? A sine of w rad/s is [[0, w], [-w, 0]]."
             )
         elif part[2] > 1 and (part[1] or part[2] > 2) and not part[0]:
-            yield (
-                f"The disturbance{whose} grows without limit ({_part(part)}). Is a number of exosystem.A "
-                "in the wrong place?"
-            )
+            yield f"The disturbance{whose} grows without limit ({_part(part)}). A number of exosystem.A misplaced?"
     for part in everything:
         if part not in seen and not any(each[:2] == part[:2] for each in seen):
             yield f"The {_part(part)}{whose} does not appear in d; check exosystem.C."
@@ -192,11 +184,8 @@ def _about_disturbance(group: Group, whose: str) -> Iterator[str]:
         yield f"A part of the disturbance{whose} decays by itself: {_part(part)}. Is the diagonal of A meant to be 0?"
     for slow, fast in pairwise(part[1] for part in seen):
         if 0 < fast - slow < fast / FAST:
-            beat = significant(math.tau / (fast - slow), 3)
-            yield (
-                f"The sines of {significant(slow, 6)} and {significant(fast, 6)} rad/s{whose} differ only over "
-                f"{beat} s. Is one frequency meant, typed twice?"
-            )
+            pair, beat = f"{significant(slow, 6)} and {significant(fast, 6)}", significant(math.tau / (fast - slow), 3)
+            yield f"The sines of {pair} rad/s{whose} differ only over {beat} s. Is one frequency meant, typed twice?"
     silent = [str(c + 1) for c, row in enumerate(exosystem.C) if not any(row)]
     if silent and seen:
         yield f"No disturbance{whose} acts on state component {', '.join(silent)}: a row of exosystem.C is 0."
@@ -209,7 +198,7 @@ def _about_network(problem: Problem) -> Iterator[str]:
         linked[arcs.listeners] = linked[arcs.speakers] = True
     alone = np.flatnonzero(~linked).tolist() if linked.any() else []
     if alone:
-        yield f"Agents without any arc: {_names([labels[i] for i in alone])}. Is an arc missing?"
+        yield f"Agents without any arc: {listed([labels[i] for i in alone])}. Is an arc missing?"
     if not problem.pinning.agents:
         yield "No agent is pinned; the group can drift as a whole. Give an agent a gain in [pinning]."
     elif missing := [labels[i] for i in unreached(problem, modes.values()) if i not in alone]:
@@ -220,10 +209,10 @@ def _about_network(problem: Problem) -> Iterator[str]:
                 'in place of "listens_to", or the reverse) every agent is reached.'
             )
         else:
-            yield f"No path of arcs leads from a pinned agent to {_names(missing)}. Add an arc, or a gain there."
+            yield f"No path of arcs leads from a pinned agent to {listed(missing)}. Add an arc, or a gain there."
     empty = [name for name, arcs in modes.items() if not len(arcs)]
     if empty and problem.n > 1:
-        yield f"In mode {_names(empty)} nobody listens to anybody."
+        yield f"In mode {listed(empty)} nobody listens to anybody."
     known: dict[Arcs, str] = {}
     for name, arcs in modes.items():
         if known.setdefault(arcs, name) != name:
@@ -234,14 +223,11 @@ def _about_network(problem: Problem) -> Iterator[str]:
     ):
         if numbers and max(numbers) > FAR_APART * min(numbers):
             low, high = significant(min(numbers)), significant(max(numbers))
-            yield (
-                f"The {what} differ by more than a factor of a million, from {low} to {high}. Is one of "
-                "them in another unit?"
-            )
+            yield f"The {what} differ by more than a factor of a million, from {low} to {high}. Another unit?"
     if len(problem.pinning.agents) == 1 and problem.n > 1:
-        heard = any((arcs.speakers == problem.pinning.agents[0]).any() for arcs in modes.values())
-        if not heard:
-            yield f"Agent {labels[problem.pinning.agents[0]]} is pinned, but nobody listens to it."
+        (pin,) = problem.pinning.agents
+        if not any((arcs.speakers == pin).any() for arcs in modes.values()):
+            yield f"Agent {labels[pin]} is pinned, but nobody listens to it."
 
 
 def _about_couplings(problem: Problem) -> Iterator[str]:
@@ -249,15 +235,10 @@ def _about_couplings(problem: Problem) -> Iterator[str]:
         h = f"h = {', '.join(coupling.texts)}"
         slopes = [row[k] for k, row in enumerate(coupling.jacobian_at_zero())]
         if any(slope.hi < 0 for slope in slopes):
-            yield (
-                f"The coupling {h} repels near 0: h'(0) = "
-                f"{significant(max(slopes, key=lambda s: -s.lo).lo)} < 0 pushes neighbours apart. A sign?"
-            )
+            least = significant(min(slope.lo for slope in slopes))
+            yield f"The coupling {h} repels near 0: h'(0) = {least} < 0 pushes neighbours apart. A sign?"
         elif any(slope.lo == slope.hi == 0 for slope in slopes):
-            yield (
-                f"The coupling {h} vanishes to first order (h'(0) = 0): close to each other agents hardly "
-                "attract each other."
-            )
+            yield f"The coupling {h} vanishes to first order (h'(0) = 0): close neighbours hardly attract each other."
 
 
 def _over_region(problem: Problem, coupling: Coupling) -> Iterator[str]:
@@ -272,17 +253,14 @@ def _over_region(problem: Problem, coupling: Coupling) -> Iterator[str]:
     )
     y = np.linspace(-width, width, SAMPLES)
     value = coupling.value(np.repeat(y[:, None], problem.m, axis=1))[:, 0]
-    ends = [y[~np.isfinite(value) & (side * y > 0)] for side in (-1, 1)]
-    for bad, sign in zip(ends, ("<=", ">="), strict=True):
+    allowed = f"the region allows differences up to {significant(width)}"
+    for side, sign in ((-1, "<="), (1, ">=")):
+        bad = y[~np.isfinite(value) & (side * y > 0)]
         if len(bad):
             edge = significant(float(bad[np.argmin(np.abs(bad))]), 2)
-            yield (
-                f"The coupling {h} is not defined for y {sign} {edge} (about); the region allows y from "
-                f"{significant(-width)} to {significant(width)}."
-            )
+            yield f"The coupling {h} is not defined for y {sign} {edge} (about); {allowed}."
     y, value = y[np.isfinite(value)], value[np.isfinite(value)]
     slope, largest = float(coupling.jacobian_at_zero()[0][0].hi), float(np.abs(value).max())
-    allowed = f"the region allows differences up to {significant(width)}"
     angle = " sin, cos and tan take radians." if width > math.tau and re.search(r"\b(sin|cos|tan)\(", h) else ""
     pushes = y[value * y < -1e-9 * largest * np.abs(y)]
     falls = y[1:][(np.diff(value) < -1e-12 * np.abs(value[:-1])) & (y[1:] * y[:-1] >= 0)]
@@ -317,36 +295,26 @@ def _about_region(problem: Problem) -> Iterator[str]:
         goals.setdefault(problem.goal_of(i), []).append(labels[i])
     for shared in goals.values():
         if len(shared) > 1:
-            yield f"The agents {_names(shared)} have the same goal. Is an offset missing in [formation]?"
+            yield f"The agents {listed(shared)} have the same goal. Is an offset missing in [formation]?"
     if region is None:
         return
     pairs = list(enumerate(region.initial_states))
-    component = "" if problem.m == 1 else " (component {})"
     for c, (lo, hi) in pairs:
+        goal, low, high = map(significant, (problem.target[c], lo, hi))
+        component = "" if problem.m == 1 else f" (component {c + 1})"
         if lo == hi:
-            yield (
-                f"The region is the single point {significant(lo)}{component.format(c + 1)}: "
-                "region.initial_states is an interval [lo, hi] of starts."
-            )
+            yield f"The region is the single point {low}{component}: region.initial_states is an interval [lo, hi]."
         if not lo <= problem.target[c] <= hi:
-            yield (
-                f"The target {significant(problem.target[c])} is outside region.initial_states "
-                f"[{significant(lo)}, {significant(hi)}]{component.format(c + 1)}."
-            )
+            yield f"The target {goal} is outside region.initial_states [{low}, {high}]{component}."
     away = [labels[i] for i in problem.offsets if not all(lo <= problem.goal_of(i)[c] <= hi for c, (lo, hi) in pairs)]
     if away:
-        yield f"The goal (target + offset) of {_names(away)} is outside region.initial_states."
+        yield f"The goal (target + offset) of {listed(away)} is outside region.initial_states."
     error, width = region.initial_disturbance, max(hi - lo for _, (lo, hi) in pairs)
     if error == 0:
-        yield (
-            "region.initial_disturbance = 0: the proof then holds only if every observer starts with the "
-            "true disturbance."
-        )
+        yield "region.initial_disturbance = 0: the proof holds only if every observer starts with the true disturbance."
     elif error is not None and width and not width < error * FAR_APART < width * FAR_APART * FAST:
-        yield (
-            f"region.initial_disturbance = {significant(error)} and the width {significant(width)} of "
-            "region.initial_states are far apart. Is one of them in another unit?"
-        )
+        both = f"region.initial_disturbance = {significant(error)} and the width {significant(width)}"
+        yield f"{both} of region.initial_states are far apart. Is one of them in another unit?"
     far = [row for row in problem.simulation.xi0 or () if error and sum(x * x for x in row) > error * error]
     if far:
         length = significant(math.sqrt(sum(x * x for x in far[0])))
@@ -363,10 +331,8 @@ def _about_observers(problem: Problem) -> Iterator[str]:
             continue
         slowest = float(np.linalg.eigvals(A - to_float(own.W) @ C).real.max())
         if slowest >= 0 and observable_reduction(group.exosystem.A, group.exosystem.C)[0]:
-            yield (
-                "With this observer.W the estimation error does not decay (an eigenvalue of A - W C "
-                f"has real part {significant(slowest)}). A sign in W?"
-            )
+            why = f"an eigenvalue of A - W C has real part {significant(slowest)}"
+            yield f"With this observer.W the estimation error does not decay ({why}). A sign in W?"
         if own.rate is not None:
             yield "observer.rate has no effect beside observer.W: it is what a designed W is asked for."
         if own.P is not None and decide_positive_definite(own.P).verdict is not Verdict.PROVED:
@@ -377,34 +343,24 @@ def _about_times(problem: Problem) -> Iterator[str]:
     fast, slow = _time_scales(problem)
     if not fast or not slow:
         return
-    (least, who), (most, what), t_final = min(fast), max(slow), problem.simulation.t_final
+    (least, who), (most, _), t_final = min(fast), max(slow), problem.simulation.t_final
+    fastest, slowest, end = _scale(*min(fast)), _scale(*max(slow)), significant(t_final)
     if most > FAR_APART * least:
-        yield (
-            f"The time scales reach from {significant(least, 3)} s ({who}) to {significant(most, 3)} s ({what}). "
-            "Is a gain, a rate or a frequency in another unit?"
-        )
+        yield f"The time scales reach from {fastest} to {slowest}. Is a gain, a rate or a frequency in another unit?"
     elif who != "network" and least * FAST < min([time for time, each in fast if each != who], default=0):
-        cause = "Is observer.rate or W in another unit? It amplifies measurement noise."
-        yield (
-            f"The {who} ({significant(least, 3)} s) is more than {FAST} times faster than anything else. "
-            f"{cause if who == 'observer' else 'Hz, or rad per ms, in place of rad/s?'}"
-        )
+        cause = "Hz, or rad per ms, in place of rad/s?"
+        if who == "observer":
+            cause = "Is observer.rate or W in another unit? It amplifies measurement noise."
+        yield f"The {who} ({significant(least, 3)} s) is more than {FAST} times faster than anything else. {cause}"
     if t_final < most:
-        yield (
-            f"simulation.t_final = {significant(t_final)} s is shorter than the slowest time constant, "
-            f"{significant(most, 3)} s ({what}): the runs end before the errors have decayed."
-        )
+        late = "the runs end before the errors have decayed"
+        yield f"simulation.t_final = {end} s is shorter than the slowest time constant, {slowest}: {late}."
     elif t_final > LONG * most:
-        yield (
-            f"simulation.t_final = {significant(t_final)} s is more than {LONG} times the slowest time constant, "
-            f"{significant(most, 3)} s ({what}): little of the motion will be seen."
-        )
+        yield f"simulation.t_final = {end} s is more than {LONG} times the slowest time constant, {slowest}."
     sines = [math.tau * time for time, each in fast if each == "disturbance"]
     if sines and min(sines) > 10 * t_final:
-        yield (
-            f"The disturbance needs {significant(min(sines), 3)} s for a period, and the runs end after "
-            f"{significant(t_final)} s. Hz in place of rad/s?"
-        )
+        period = significant(min(sines), 3)
+        yield f"The disturbance needs {period} s for a period, and the runs end after {end} s. Hz in place of rad/s?"
     dwell = None if problem.switching is None else problem.switching.dwell
     if dwell is not None and dwell * FAST < least:
         yield f"switching.dwell = {significant(dwell)} s is far below every time scale ({significant(least, 3)} s)."
@@ -428,20 +384,14 @@ def _about_switching(problem: Problem) -> Iterator[str]:
     if own is None or own.signal == "mobile":
         return
     if own.dwell is not None and own.dwell > t_final:
-        yield (
-            f"switching.dwell = {significant(own.dwell)} s is longer than simulation.t_final = "
-            f"{significant(t_final)} s; a run shows one mode only."
-        )
+        dwell, end = significant(own.dwell), significant(t_final)
+        yield f"switching.dwell = {dwell} s is longer than simulation.t_final = {end} s; a run shows one mode only."
     if len(modes) == 1:
         yield f"There is one mode only, {modes[0]}: [switching] changes nothing."
     active = own.sequence or tuple(mode for _, mode in own.schedule or ())
     idle = [mode for mode in modes if active and mode not in active]
     if idle:
-        yield f"[switching] never makes {_names(idle)} active; a proof has to hold in every mode all the same."
+        yield f"[switching] never makes {listed(idle)} active; a proof has to hold in every mode all the same."
     ends = [mode for mode, row in zip(modes, own.generator or (), strict=False) if not any(row)]
     if ends:
-        yield f"The Markov chain never leaves {_names(ends)}: that row of switching.generator is 0."
-
-
-def _names(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else "")
+        yield f"The Markov chain never leaves {listed(ends)}: that row of switching.generator is 0."

@@ -48,10 +48,6 @@ _TRUSTS: Final = (
     " verdict are all proved anew. With nothing but Python, and none of this package, the lone checker (the folder"
     " dobc_design/checker) does the same:"
 )
-_DECIDES: Final = (
-    "This decides every claim again in exact arithmetic, against the problem file, which it trusts.\n"
-    "With nothing but Python, and none of this package, the lone checker (a folder) does the same:"
-)
 _SIGNING: Final = (
     "Who signs says which problem and which certificate it is about: the fingerprints above. What is proved needs no"
     " signature; that the model fits the plant does."
@@ -67,13 +63,12 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
     if check.verdict is not Verdict.REFUTED:
         head = f"What would help {check.id}"
     lines = _fix_lines(check.fix)
-    told = f"Proved with the very conditions that failed. To write the cured problem: `{CURE_COMMAND}`"
     decided = "The cured problem was decided by the very conditions that failed. This command writes it to a file:"
     blocks = (
         doc.Text(words.shortened(check.fix.text)),
         *((doc.Text("In the problem file:"), doc.Code(lines)) if lines else ()),
-        doc.in_markdown(doc.Text(doc.Own(told))),
-        doc.on_pages(doc.Text(decided), doc.Code((CURE_COMMAND,), command=True)),
+        doc.Text(decided),
+        doc.Code((CURE_COMMAND,), command=True),
     )
     yield doc.Section(head, blocks, "cure", "Cure")
 
@@ -88,11 +83,6 @@ def checks_section(checks: Sequence[Check], *, proved: bool = False) -> doc.Sect
     if proved and failed:
         counts = f"{len(checks) - failed} proved, {failed} not needed"
     return doc.Section(f"Checks: {counts}", blocks, "checks", "Checks")
-
-
-def _kinds(checks: Sequence[Check]) -> list[Any]:
-    """The kinds of checks that there are, each once."""
-    return [KINDS[id] for id in dict.fromkeys(check.id for check in checks)]
 
 
 def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
@@ -187,7 +177,7 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
     """One row per condition of the certificate, in its order."""
     table = doc.table_of(
         "Every condition, its source, and where it is decided",
-        _kinds(checks),
+        [KINDS[id] for id in dict.fromkeys(check.id for check in checks)],
         doc.Column("check", lambda kind: f"{kind.name} ({kind.id})", 1.2, only=doc.TEXTS),
         doc.Column("check", lambda kind: doc.Name((kind.name,), id=kind.id), 1.2, only=doc.PAGES),
         doc.Column("condition in words", lambda kind: words.sentence(kind.meaning), 1.9),
@@ -201,15 +191,14 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
 def recheck_section(certificate: Certificate, again: Reproduction) -> doc.Section:
     """The commands that decide the certificate again and make it again, and what it was made from."""
     blocks = (
-        doc.on_pages(doc.Text(_BOTH_FILES)),
+        doc.Text(_BOTH_FILES),
         doc.Code((VERIFY,), command=True),
-        doc.in_markdown(doc.Text(doc.Own(_DECIDES))),
-        doc.on_pages(doc.Text(_TRUSTS)),
+        doc.Text(_TRUSTS),
         doc.Code((ALONE,), command=True),
         doc.Text("To make the certificate again, byte for byte with the same version:"),
         doc.Code((again.certify,), command=True),
         doc.Text(doc.Own(_MADE_WITH)),
-        doc.on_pages(doc.Text("Compare the problem with the one you meant. The fingerprints and versions are")),
+        doc.Text("Compare the problem with the one you meant. The fingerprints and versions are"),
         doc.Facts((("problem", certificate.claims.problem_name), *again.prints, *again.versions)),
     )
     return doc.Section("Check it yourself", blocks, "recheck")

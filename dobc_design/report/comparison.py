@@ -5,7 +5,7 @@ Problems are compared as problem.json holds them: what counts is the meaning of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -38,12 +38,8 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
     if count:
         told = f"The two problems differ in {count} {'place' if count == 1 else 'places'}."
         told += f" The first {MOST_DIFFERENCES} are listed." if count > MOST_DIFFERENCES else ""
-    facts = [(name, fact(first), fact(second)) for name, fact in FACTS]
-    summary = _marked("Facts about both certificates", ("", *SIDES), facts)
-    verdicts = [
-        (doc.Strong(letter), f", {each.problem.name}: {words.mark_of(each.verdict)}. {each.reason}")
-        for letter, each in sides
-    ]
+    one, other = _facts(first), _facts(second)
+    summary = _marked("Facts about both certificates", ("", *SIDES), [(name, one[name], other[name]) for name in one])
     certificates = (
         doc.Beside([(_box(letter, each),) for letter, each in sides]),
         summary,
@@ -74,12 +70,11 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
         identity=identity,
         footer=f"A: {words.shortened(a, LONGEST_NAME)} · B: {words.shortened(b, LONGEST_NAME)}, compared",
         blocks=(
-            doc.in_markdown(doc.List(verdicts), summary),
-            doc.on_pages(doc.Section("The two certificates", certificates, "certificates", "Facts")),
+            doc.Section("The two certificates", certificates, "certificates", "Facts"),
             doc.Section("What differs between the problems", problems, "differences", "Problems"),
             _checks(first, second),
             *_starts(first, second),
-            doc.on_pages(doc.Section("Check it yourself", (again,), "recheck")),
+            doc.Section("Check it yourself", (again,), "recheck"),
         ),
     )
 
@@ -98,25 +93,11 @@ def conclusion(first: Certificate, second: Certificate) -> str:
     return f"Both are proved. {better} has the larger certified rate, {high} against {low} 1/s of {worse}."
 
 
-def _holds_for(certificate: Certificate) -> str:
-    domain = words.covering_domain(certificate)
-    return ABSENT if domain is None else words.domain_words(domain)
-
-
-def _proved(certificate: Certificate) -> str:
-    return f"{sum(check.verdict is Verdict.PROVED for check in certificate.checks)} of {len(certificate.checks)}"
-
-
-FACTS: tuple[tuple[str, Callable[[Certificate], str]], ...] = (
-    ("verdict", lambda each: each.verdict.value),
-    ("holds for", _holds_for),
-    ("certified rate in 1/s", lambda each: lower(each.rate)),
-    ("carried by", lambda each: next((x.kind.name for x in each.checks if x.id == each.covered_by), ABSENT)),
-    ("agents", lambda each: str(each.problem.n)),
-    ("modes", lambda each: str(len(each.problem.network.modes))),
-    ("pinned agents", lambda each: str(len(each.problem.pinning.agents))),
-    ("checks proved", _proved),
-)
+def _facts(certificate: Certificate) -> dict[str, str]:
+    proved = sum(check.verdict is Verdict.PROVED for check in certificate.checks)
+    facts = {"Verdict": certificate.verdict.value, **words.facts(certificate)}
+    facts["Pinned agents"] = str(len(certificate.problem.pinning.agents))
+    return facts | {"Checks proved": f"{proved} of {len(certificate.checks)}"}
 
 
 def _marked(caption: str, columns: Iterable[str | doc.Column], rows: Sequence[Sequence[doc.Cell]]) -> doc.Table:
@@ -151,8 +132,8 @@ def _checks(first: Certificate, second: Certificate) -> doc.Section:
     rows = [_compared(pair) for pair in pairs[:MOST_ROWS]]
     blocks = (
         _marked("Checks of both certificates with verdict, margin and rate", columns, rows),
-        *((doc.on_pages(doc.Text(f"And {hidden} more, in the certificates.")),) if hidden > 0 else ()),
-        doc.on_pages(doc.Text(told, "caption")),
+        *((doc.Text(f"And {hidden} more, in the certificates."),) if hidden > 0 else ()),
+        doc.Text(told, "caption"),
     )
     return doc.Section("What was checked", blocks, "checks", "Checks")
 

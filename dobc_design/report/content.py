@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from dobc_design._show.text import latex_decimal, latex_matrix, latex_number, lower
+from dobc_design._show.text import latex_decimal, latex_matrix, latex_number
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.kinds import KINDS
 from dobc_design.exact.matrix import Matrix
 from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.meaning import remarks
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 MOST_NOTES = 60
 LONGEST_NAME = 70  # characters, in the footer of a printed page
 MOST_GRAPHS, MOST_SPECTRA = 12, 40  # rows
-MOST_EIGENVALUES, MOST_SAMPLES, MOST_LAMBDAS = 8, 9, 6
+MOST_SAMPLES, MOST_LAMBDAS = 9, 6
 LONGEST_VECTOR = 12
 _ALSO = "Optional changes"
 _REGION, _DESIGN = "dobc region problem.json", "dobc design problem.json --out designed.toml"
@@ -84,7 +83,8 @@ def report_document(
     the consensus, printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time;
     ``searches`` for counterexamples."""
     problem, again, verdict = certificate.problem, checks.reproduction(certificate), certificate.verdict
-    mark, facts, proved = words.mark_of(verdict), tuple(_facts(certificate)), verdict is Verdict.PROVED
+    mark, proved = words.mark_of(verdict), verdict is Verdict.PROVED
+    facts = [(name, told) for name, told in words.facts(certificate).items() if proved or told != "–"]
     identity = checks.title_block(again)
     verdicts = doc.Terms([(words.mark_of(each), "", words.MEANINGS[each]) for each in Verdict])
     return doc.Document(
@@ -124,16 +124,6 @@ def report_document(
             checks.signatures_section(),
         ),
     )
-
-
-def _facts(certificate: Certificate) -> Iterator[tuple[str, str]]:
-    if certificate.verdict is Verdict.PROVED:
-        domain, rate = words.covering_domain(certificate), certificate.rate
-        yield "Holds for", words.domain_words(domain) if domain is not None else "–"
-        yield "Certified decay rate", "–" if rate is None else f"{lower(rate)} 1/s"
-        yield "Shown by", KINDS[certificate.covered_by].name if certificate.covered_by in KINDS else "–"
-    yield "Agents", str(certificate.problem.n)
-    yield "Modes", str(len(certificate.problem.network.modes))
 
 
 def _meaning(certificate: Certificate) -> doc.Section:
@@ -199,9 +189,7 @@ def _problem(problem: Problem) -> doc.Section:
             doc.Formula(latex, name, equation, name + disturbed)
             for name, latex, equation in (LOOP_DISTURBED if problem.groups else LOOP)
         ),
-        doc.in_markdown(doc.Text("Coupling and target:")),
-        doc.Only(doc.TEXTS, (doc.Formula(coupling), doc.Formula(target))),
-        doc.Only(("html",), (doc.Formula(coupling, "coupling"), doc.Formula(target, "target"))),
+        doc.Only(("html", *doc.TEXTS), (doc.Formula(coupling, "coupling"), doc.Formula(target, "target"))),
         doc.Only(("pdf",), (doc.Facts((*plain, ("target", words.vector_text(problem.target)))),)),
         doc.Text(_letters(problem)),
     ]
@@ -281,8 +269,7 @@ def _searches(searches: Sequence[Falsification]) -> Iterator[doc.Block]:
     if searches:
         drawn = [pictures.search_picture(search, place) for place, search in enumerate(searches)]
         sections = search_sections(searches, drawn)
-        yield doc.in_markdown(*sections)
-        yield doc.on_pages(doc.Section("What a search for counterexamples found", sections, "search", "Search"))
+        yield doc.Section("What a search for counterexamples found", sections, "search", "Search")
 
 
 def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.Section:
@@ -352,20 +339,16 @@ def _eigenvalues(certificate: Certificate, analysis: Analysis | None) -> Iterato
     """As pictures on pages, as numbers in Markdown."""
     if analysis is None:
         return
-    seen = _observability(analysis)
-    drawn = tuple(pictures.eigenvalue_pictures(certificate, analysis))
-    computed = "Computed in floating point, to show how far things are from the edge. No verdict rests on them."
-    told = doc.Text("Computed in floating point, for orientation. No verdict rests on them.")
+    told = "Computed in floating point, to show how far things are from the edge. No verdict rests on them."
+    drawn = doc.Pictures(tuple(pictures.eigenvalue_pictures(certificate, analysis)))
     table = doc.table_of(
         "Eigenvalues",
         list(_spectra(analysis))[:MOST_SPECTRA],
         doc.Column("matrix", lambda row: row[0]),
-        doc.Column("eigenvalues in 1/s, the rightmost first", lambda row: _values(row[1])),
+        doc.Column("eigenvalues in 1/s, the rightmost first", lambda row: words.eigenvalues(row[1])),
     )
-    page = (doc.Text(" ".join([computed, *seen])), doc.Pictures(drawn)) if drawn else ()
-    yield doc.Section(
-        "Eigenvalues", (doc.in_markdown(told, *map(doc.Text, seen), table), doc.on_pages(*page)), "eigenvalues"
-    )
+    blocks = (doc.Text(told + _observability(analysis)), doc.in_markdown(table), doc.on_pages(drawn))
+    yield doc.Section("Eigenvalues", blocks, "eigenvalues")
 
 
 def _spectra(analysis: Analysis) -> Iterator[tuple[str, Sequence[complex]]]:
@@ -378,25 +361,14 @@ def _spectra(analysis: Analysis) -> Iterator[tuple[str, Sequence[complex]]]:
             yield f"J − K, mode {mode.mode}", mode.loop_eigenvalues
 
 
-def _values(values: Sequence[complex]) -> str:
-    shown = [
-        number(v.real) + (f" {'−' if v.imag < 0 else '+'} {number(abs(v.imag))}i" if v.imag else "")
-        for v in map(complex, values[:MOST_EIGENVALUES])
-    ]
-    hidden = len(values) - len(shown)
-    return ", ".join(shown) + (f" and {hidden} more" if hidden else "")
-
-
-def _observability(analysis: Analysis) -> list[str]:
+def _observability(analysis: Analysis) -> str:
     found = analysis.observability
     if found is None:
-        return []
+        return ""
     seen = [each for each in found.modes if each.eigenvalue.imag >= 0]
     margins = ", ".join(f"{number(each.margin)} at {_eigenvalue(each.eigenvalue)}" for each in seen[:12])
-    return [
-        f"In floating point the observability matrix has rank {found.rank} of {found.order}. The smallest singular"
-        f" value of [A − λI; C] at the eigenvalues λ of A, 0 meaning unseen: {margins}."
-    ]
+    text = f" In floating point the observability matrix has rank {found.rank} of {found.order}. The smallest singular"
+    return text + f" value of [A − λI; C] at the eigenvalues λ of A, 0 meaning unseen: {margins}."
 
 
 def _eigenvalue(value: complex) -> str:
@@ -420,8 +392,7 @@ def _simulation(certificate: Certificate, trajectory: Trajectory | None) -> Iter
         doc.Column("time in s", lambda i: number(float(times[i]))),
         doc.Column("largest error", lambda i: number(float(error[i]))),
     )
-    drawn = tuple(pictures.simulation_pictures(certificate, trajectory))
-    note = doc.Text(f"{told} One run shows one start; the verdict above does not use it.")
-    page = (note, doc.Pictures(drawn)) if drawn else ()
-    blocks = (doc.in_markdown(doc.Text(told), table), doc.on_pages(*page))
+    told += " One run shows one start; the verdict above does not use it."
+    drawn = doc.Pictures(tuple(pictures.simulation_pictures(certificate, trajectory)))
+    blocks = (doc.Text(told), doc.in_markdown(table), doc.on_pages(drawn))
     yield doc.Section("A simulation", blocks, "simulation", "Simulation")

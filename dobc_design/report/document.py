@@ -42,12 +42,6 @@ class Math:
         return self.plain
 
 
-class Strong(str):
-    """Words inside a sentence that stand out."""
-
-    __slots__ = ()
-
-
 Words = str | tuple[str | Math, ...]
 
 

@@ -64,6 +64,8 @@ def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
             yield f"## {escape(title)}\n" if top else f"{escape(title)}:\n"
             for each in blocks:
                 yield from _lines(each)
+        case doc.Box():
+            yield f"**{escape(f'{block.title}: {block.mark}')}.** {escape(block.reason)}\n\n{escape(block.note)}\n"
         case doc.Text(words):
             yield _words(words) + "\n"
         case doc.List(items):
@@ -79,8 +81,8 @@ def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
         case doc.Code(lines, command):
             yield f"```\n{lines[0]}\n```\n" if command else "\n".join(f"    {line}" for line in lines) + "\n"
         case doc.Formula():
-            label = f"{capitalize_first(block.label)} {block.number}:\n\n" if block.label else ""
-            yield label + _formula(block.latex)
+            label = f"{capitalize_first(block.label)} {block.number}".strip()
+            yield (f"{label}:\n\n" if block.label else "") + _formula(block.latex)
         case doc.Matrices(items):
             for item in items:
                 yield f"{capitalize_first(escape(item.what))}:\n"
@@ -94,12 +96,8 @@ def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
 
 
 def _words(words: doc.Words) -> str:
-    """Escaped as a whole, but for text of this package and what stands out."""
-    if isinstance(words, doc.Own):
-        return str(words)
-    if isinstance(words, tuple) and isinstance(words[0], doc.Strong):
-        return f"**{escape(words[0])}**{escape(doc.plain(words[1:]))}"
-    return escape(doc.plain(words))
+    """Escaped as a whole, but for text of this package."""
+    return str(words) if isinstance(words, doc.Own) else escape(doc.plain(words))
 
 
 def _cell(cell: doc.Cell) -> str:

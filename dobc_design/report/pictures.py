@@ -28,7 +28,7 @@ from dobc_design.plotting.regions import drawn_agents, height_of, plot_regions, 
 from dobc_design.problem.problem import Problem
 from dobc_design.report import figures, region_words
 from dobc_design.report.document import Picture
-from dobc_design.report.words import bounds_of, names_in_words, number, unreached_agents
+from dobc_design.report.words import bounds_of, eigenvalues, names_in_words, number, unreached_agents
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
@@ -98,7 +98,7 @@ def eigenvalue_pictures(certificate: Certificate, analysis: Analysis) -> Iterato
             title="Observer: eigenvalues of A − WC",
             caption="The estimation error decays when all lie left of the line; the slowest gives"
             f" {number(analysis.spectrum.rate)} 1/s.",
-            alt=f"Eigenvalues of A minus W C in the complex plane: {_listed(values)}, in 1/s.",
+            alt=f"Eigenvalues of A minus W C in the complex plane: {eigenvalues(values.tolist())}, in 1/s.",
             draw=lambda ax: figures.plot_spectrum(ax, {"A − WC": values}),
             height=_spectrum_height(values),
         )
@@ -140,11 +140,6 @@ def _lambda_picture(certificate: Certificate, lambdas: Mapping[str, Values]) -> 
 def _spectrum_height(*spectra: Values) -> float:
     """Inches; a row of real eigenvalues needs little."""
     return 2.9 if any(np.abs(values.imag).max(initial=0.0) > 1e-9 for values in spectra) else 2.1
-
-
-def _listed(values: Values) -> str:
-    shown = [f"{v.real:.4g}{v.imag:+.4g}i" if abs(v.imag) > 1e-12 else f"{v.real:.4g}" for v in values[:8]]
-    return ", ".join(shown) + (" and more" if len(values) > 8 else "")
 
 
 def simulation_pictures(certificate: Certificate, trajectory: Trajectory) -> Iterator[Picture]:

@@ -45,18 +45,16 @@ def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Pi
     norms = "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds"
     norms += f" the ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, where all {size} components may"
     norms += " be off at once."
-    timing = doc.List(timing_sentences(regions))
-    told = (doc.Section("Time, late messages and sampling", (timing,)),)
+    timing = timing_sentences(regions)
+    told = (doc.Section("Time, late messages and sampling", (doc.List(timing),)),) if timing else ()
     blocks = (
-        doc.in_markdown(doc.Text(f"{asked} {norms}")),
-        doc.Only(("html", "pdf", "latex"), (doc.Text(asked),)),
+        doc.Text(asked),
         doc.on_pages(doc.Pictures(pictures)),
         regions_table(regions, disturbed=bool(problem.groups)),
-        doc.on_pages(doc.Text(norms, "caption")),
+        doc.Only(doc.READ, (doc.Text(norms, "caption"),)),
         doc.in_markdown(*((doc.Text(agents_sentence(regions)),) if regions.agents else ())),
         doc.Only(doc.READ, () if rest is None else (doc.Text(rest),)),
-        doc.on_pages(*(told if timing.items else ())),
-        doc.in_markdown(timing),
+        doc.Only(doc.READ, told),
     )
     yield doc.Section("From which starts it is proved", blocks, "region", "Region")
 
@@ -64,6 +62,8 @@ def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Pi
 def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
     """One row per method; Markdown has sizes in columns of their own."""
     markdown: tuple[doc.Form, ...] = ("markdown",)
+    settled = "settled after" if regions.tolerance is None else f"|e|∞ ≤ {lower(regions.tolerance)} after"
+    covered = {True: "yes", False: "no"} if regions.asked is not None else {}
     return doc.table_of(
         "Certified regions, method by method",
         regions.claims,
@@ -75,8 +75,10 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
         doc.Column("|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()),
         doc.Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
         doc.Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
-        doc.Column(time_head(regions), time_words, 0.8, style="number"),
-        doc.Column("covers it", lambda claim: covers_words(claim, regions), 0.7),
+        doc.Column(
+            settled, lambda claim: NONE if claim.time is None else f"{upper(claim.time)} s", 0.8, style="number"
+        ),
+        doc.Column("covers it", lambda claim: covered.get(claim.covers, NONE), 0.7),
         doc.Column("why not further", limit_words, 1.7, style="why", only=doc.READ),
         cards=True,
     )
@@ -97,16 +99,6 @@ def size_words(claim: RegionClaim, value: float | None) -> str:
     return "any" if claim.kind == "everywhere" else lower(value)
 
 
-def time_words(claim: RegionClaim) -> str:
-    """A certified settling time."""
-    return NONE if claim.time is None else f"{upper(claim.time)} s"
-
-
-def covers_words(claim: RegionClaim, regions: Regions) -> str:
-    """Whether what was asked for is covered."""
-    return NONE if regions.asked is None else "yes" if claim.covers else "no"
-
-
 def limit_words(claim: RegionClaim) -> str:
     """Why no more is certified."""
     if claim.limit or claim.kind != "everywhere":
@@ -124,11 +116,6 @@ def asked_sentence(regions: Regions) -> str:
     errors = f" and |εᵢ| ≤ {upper(asked.disturbance)} for every agent i" if asked.disturbance else ""
     text = f"Asked for: every start with |e|∞ ≤ {upper(asked.box)}{errors}."
     return f"{text} A ball covers these only if its radius is at least {upper(asked.ball)}."
-
-
-def time_head(regions: Regions) -> str:
-    """The head of the column of times."""
-    return "settled after" if regions.tolerance is None else f"|e|∞ ≤ {lower(regions.tolerance)} after"
 
 
 def timing_sentences(regions: Regions) -> list[str]:
@@ -200,8 +187,9 @@ def settling_section(
             " the error so far down that this is inside its own region; every bound goes on to hold afterwards."
         )
     blocks = (
-        doc.in_markdown(doc.Text(f"{sentence} {stages}")),
-        doc.on_pages(doc.Text(sentence), doc.Pictures(pictures), doc.Text(stages)),
+        doc.Text(sentence),
+        doc.on_pages(doc.Pictures(pictures)),
+        doc.Text(stages),
         stages_table(settling, timings),
         *(doc.Text(each, "caption") for each in timing_notes(timings)),
     )

@@ -10,7 +10,7 @@ from typing import Any, Final
 from dobc_design._show.text import significant, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
-from dobc_design.conditions.kinds import ids_of
+from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import number_text
@@ -26,6 +26,7 @@ from dobc_design.verdict import Verdict
 MOST_LISTED = 40  # agents listed one by one
 MOST_MODES = 6
 MOST_NAMES = 12
+MOST_EIGENVALUES = 8
 GIVEN, FOUND = "the P given", "the P found"
 SYMBOLS = {Verdict.PROVED: "✓", Verdict.REFUTED: "✗", Verdict.UNDECIDED: "?"}
 MEANINGS = {
@@ -87,6 +88,18 @@ def covering_domain(certificate: Certificate) -> Domain | None:
     return next((each.domain for each in proved if each.id == certificate.covered_by), None)
 
 
+def facts(certificate: Certificate) -> dict[str, str]:
+    """A certificate in a few words by name; an en dash where it says nothing."""
+    domain, rate, proof = covering_domain(certificate), certificate.rate, certificate.covered_by
+    return {
+        "Holds for": "–" if domain is None else domain_words(domain),
+        "Certified decay rate": "–" if rate is None else f"{_number(rate)} 1/s",
+        "Shown by": KINDS[proof].name if proof in KINDS else "–",
+        "Agents": str(certificate.problem.n),
+        "Modes": str(len(certificate.problem.network.modes)),
+    }
+
+
 def number(value: float | None) -> str:
     """A rounded number as people write it."""
     return typeset(significant(None if value is None else value + 0.0))  # no -0
@@ -132,6 +145,16 @@ def verdict_counts(checks: Iterable[Check], order: Iterable[Verdict] = Verdict) 
     """How many checks have each verdict, as far as there are any."""
     found = [check.verdict for check in checks]
     return ", ".join(f"{found.count(each)} {each.value}" for each in order if each in found)
+
+
+def eigenvalues(values: Sequence[complex]) -> str:
+    """The first eigenvalues, and how many more there are."""
+    shown = [
+        number(v.real) + (f" {'−' if v.imag < 0 else '+'} {number(abs(v.imag))}i" if v.imag else "")
+        for v in map(complex, values[:MOST_EIGENVALUES])
+    ]
+    hidden = len(values) - len(shown)
+    return ", ".join(shown) + (f" and {hidden} more" if hidden else "")
 
 
 def shortened(text: str, longest: int = 1200) -> str:

@@ -235,7 +235,7 @@ def deployment_words(certificate: Certificate) -> str:
     allowed = [f"messages that are late by up to {_number(late)} s"] if late else []
     allowed += [f"couplings and pins that are held for up to {_number(held)} s between samples"] if held else []
     covered = f"The proof allows {' or '.join(allowed)}. " if allowed else ""
-    return f"{covered}dobc export writes the controller of an agent in C, as an FMU and for python-control."
+    return f"{covered}Use dobc export to write the controller of an agent in C, as an FMU or for python-control."
 
 
 def _norms(domain: Mapping[str, Any]) -> str:

@@ -57,7 +57,7 @@ HEADER = (
 WHOLE = """
 import json, resource, subprocess, sys, tempfile, time
 from pathlib import Path
-sys.path.insert(0, {folder!r})
+sys.path[:0] = {folders!r}
 from large import write_problem
 
 def step(*arguments):
@@ -67,7 +67,7 @@ def step(*arguments):
     return json.loads(done.stdout), after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 with tempfile.TemporaryDirectory() as folder:
-    subprocess.run([sys.executable, "-c", "import sys; sys.path.insert(0, {folder!r}); from large import write_problem;"
+    subprocess.run([sys.executable, "-c", "import sys; sys.path[:0] = {folders!r}; from large import write_problem;"
                     f"write_problem({kind!r}, {n}, {{folder!r}})"], check=True)
     problem, out = str(Path(folder, "problem.toml")), str(Path(folder, "out"))
     certified, first = step("certify", problem, "--out", out, "--no-report")
@@ -235,7 +235,8 @@ def _lambda_row(kind: str, n: int) -> str:
 
 
 def _whole_way(kind: str, n: int) -> str:
-    script = WHOLE.format(folder=str(__file__).rsplit("/", 1)[0], kind=kind, n=n)
+    here = Path(__file__).resolve().parent
+    script = WHOLE.format(folders=[str(here), str(here.parent / "support")], kind=kind, n=n)
     answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     verdict, covered_by, holds, first, second, peak = answer.stdout.split()
     said = f"{verdict} by {covered_by}, re-checked: {holds}"

@@ -19,7 +19,7 @@ from dobc_design._checks import put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import nearest, parse_number
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown, shown_number
 
 __all__ = ["KINDS", "constant", "harmonics", "of_parts", "periodic", "polynomial", "ramp", "stacked", "total"]
@@ -169,7 +169,8 @@ def harmonics(frequencies: Any) -> Exosystem:
         if w in values[:k]:
             raise wrong(
                 f"frequencies[{k}]",
-                f"must differ from the others, because equal sines cannot be told apart; got {shown_number(w)} twice.",
+                "must differ from the others, because equal sines cannot be told apart; got"
+                f" {nearest(w):.6g} rad/s ({nearest(w) / math.tau:.6g} Hz) twice.",
                 "Name each frequency once; amplitude and phase are free.",
             )
     return total(*(Exosystem(A=[[0, w], [-w, 0]], C=[[1, 0]]) for w in values))

@@ -160,7 +160,7 @@ T = TypeVar("T")
 
 _EXAMPLES = {
     "network": "[network] with agents, arrow and, below it, [network.modes]",
-    "network.agents": "agents = 10",
+    "network.agents": 'agents = 10, or agents = ["lead", "wing"]',
     "network.arrow": 'arrow = "listens_to" when [a, b] means that a hears b, else arrow = "sends_to"',
     "network.modes": "[network.modes] and below it Ga = [[1, 2], [2, 3]]",
     "coupling": '[coupling] and below it h = "exp(y) - 1 + y"',

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
 from fractions import Fraction
 from functools import partial
 from itertools import islice
@@ -108,7 +109,8 @@ def _by_label(value: Any, read: Callable[[Any, str], T], *, labels: Sequence[str
             place = None if isinstance(label, bool) else index.get(one_form(label))
             if place is None:
                 what = f"there is no agent {shown(str(label))} in network.agents."
-                raise about(own, what, "Use the label of an agent.")
+                near = get_close_matches(str(label)[:100], labels[:1000], n=1)
+                raise about(own, what, f'Did you mean "{near[0]}"?' if near else "Use the label of an agent.")
             if place in result:
                 raise wrong(own, "stands there twice (labels are text).", "Keep one.")
             result[place] = read(entry, own)

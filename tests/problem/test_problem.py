@@ -32,6 +32,9 @@ SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 PLANE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0], [0, 1]])
 
 
+NAMED = Network.from_arcs([["b", "lead"]], arrow="listens_to")
+
+
 def make(**changes: object) -> Problem:
     return Problem(**{"network": CHAIN, "coupling": "tanh(y)"} | changes)
 
@@ -180,7 +183,8 @@ def test_a_system_in_discrete_time_or_without_a_state_is_refused():
         ({"exceptions": {(0, 2): "y"}}, "coupling.exceptions[0]", "no mode has the arc"),
         ({"exceptions": {(0, 1): "y + 1"}}, "coupling.exceptions[0].h", "must vanish"),
         ({"exceptions": {("a", "b"): "y"}}, "coupling.exceptions[0]", "indices count from 0"),
-        ({"gains": {"z": 1}}, "pinning.gains.z", "there is no agent 'z'"),
+        ({"gains": {"z": 1}}, "pinning.gains.z", "there is no agent 'z'.*Use the label of an agent"),
+        ({"network": NAMED, "gains": {"laed": 1}}, "pinning.gains.laed", 'Did you mean "lead"'),
         ({"gains": -1}, "pinning.gains", "must be >= 0"),
         ({"gains": [1, 2, 3]}, "pinning.gains", "must be a table of label = gain"),
         ({"gains": {"a": [[1, 2]]}}, "pinning.gains.a", r"must have shape \(1, 1\)"),

@@ -129,6 +129,7 @@ def region(
     everything: Annotated[bool, typer.Option("--all", help="Try every method, also when one covers.")] = False,
     settling: output.Tolerance = None,
     search: output.Search = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace files in the folder of another problem.")] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
     as_json: output.Json = False,
@@ -141,7 +142,7 @@ def region(
     manner = output.manner_of(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
     problem = load_problem(file)
-    folder = output.results_folder(out, problem.name)
+    folder = output.require_own(output.results_folder(out, problem.name), problem.name, force=force)
     with output.Progress(manner) as progress:
         largest = everything or problem.region is None
         how: dict[str, Any] = {"everything": largest, "time_limit": None}

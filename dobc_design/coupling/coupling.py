@@ -148,10 +148,12 @@ def make_coupling(h: Any, *, dimension: int, key: str = "coupling.h") -> Couplin
 
 
 def _text(h: Any) -> Any:
-    """The text of a SymPy expression, whose Abs, Max and Min are ours in lower case; anything else as it is."""
+    """The text of a SymPy expression, whose Abs, Max and Min are ours in lower case and E is exp(1); anything else as
+    it is."""
     if isinstance(h, str) or not hasattr(h, "free_symbols"):
         return h
-    return re.sub(r"\b(Abs|Max|Min)\b", lambda found: found[0].lower(), str(h))
+    text = re.sub(r"\b(Abs|Max|Min)\b", lambda found: found[0].lower(), str(h))
+    return re.sub(r"\bE\b", "exp(1)", text)
 
 
 def _refuse_numbered_names(text: str, *, dimension: int, key: str) -> None:

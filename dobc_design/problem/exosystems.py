@@ -120,9 +120,11 @@ def _angular(value: Any, place: int) -> Fraction:
     """2 pi times a frequency in Hz, rounded to twelve digits."""
     key = f"hz[{place}]"
     frequency = parse_number(value, key=key)
-    if not 0 < frequency < 10**15:
+    if not Fraction(1, 10**15) < frequency < 10**15:
         raise wrong(
-            key, f"must be > 0 (Hz, cycles per second); got {shown_number(frequency)}.", "For example hz = [0.5]."
+            key,
+            f"must be > 0 (Hz, cycles per second), from 1e-15 to 1e15; got {shown_number(frequency)}.",
+            "For example hz = [0.5].",
         )
     return Fraction(f"{math.tau * frequency.numerator / frequency.denominator:.{DIGITS}g}")
 

@@ -245,7 +245,15 @@ class Problem(Shown):
         Example:
             >>> dd.load_problem("paper-fixed").replace(gains={1: 7, 6: 7}, region={"initial_states": [0, 4]}).name
             'paper-fixed'
+        Raises: SpecError where a new network has other agents, or another order, and what belongs to them is not given.
         """
+        network = changes.get("network")
+        if isinstance(network, Network) and network.labels != self.network.labels:
+            starts = max(len(self.simulation.x0 or ()), len(self.simulation.xi0 or ())) > 1
+            own = (("gains", self.pinning.gains), ("exceptions", self.exceptions), ("simulation", starts))
+            if missing := [name for name, value in own if value and name not in changes]:
+                what = "has other agents, or the same in another order."
+                raise wrong("network", what, f"Give {' and '.join(missing)} for these agents too.")
         for name in ("region", "simulation"):
             old = getattr(self, name)
             if old is not None and isinstance(changes.get(name), Mapping):

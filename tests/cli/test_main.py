@@ -584,6 +584,7 @@ def test_a_certificate_folder_of_another_problem_is_kept_unless_forced(dobc):
     other = dobc("certify", "paper-fixed", "--no-report", "--out", "c")
     assert other.code == 2
     assert "holds the certificate of another problem" in other.err
+    assert dobc("region", "paper-fixed", "--out", "c").code == 2
     assert listing(Path("c")) == before
     assert dobc("certify", chain, "--no-report", "--out", "c").code in (0, 1, 3)
     assert dobc("certify", "paper-fixed", "--no-report", "--out", "c", "--force").code == 0

@@ -158,6 +158,7 @@ def test_a_kind_stands_for_the_matrices_of_its_constructor(kind, shape):
         ("constant = false", "exosystem has no part"),
         ("ramp = 1", "exosystem.ramp must be true or false; got 1"),
         ("hz = [1, 0]", r"exosystem.hz\[1\] must be > 0"),
+        ('hz = "1e-310"', r"exosystem.hz\[0\] must be > 0"),
         ("hz = 1\nA = [[0]]\nC = [[1]]", "exosystem.hz stands beside A and C"),
         ("hz = 0.5\nfrequencies = 3.14159265359", r"frequencies\[1\] must differ.*got 3.14159 rad/s \(0.5 Hz\) twice"),
         ('A = [[0, "2*pi"], ["-2*pi", 0]]\nC = [[1, 0]]', r"For a sine write hz = \[0.5\] or frequencies"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
@@ -178,6 +179,18 @@ def test_a_slip_is_named(changes: dict[str, Any], words: str):
 def test_the_amplitude_is_said_where_it_is_known(xi0: Any, words: str):
     problem = Problem(**SOUND | {"simulation": {"xi0": xi0}})
     assert words in disturbance_words(problem, problem.groups[0])
+
+
+def test_close_sines_have_amplitudes_of_their_own():
+    problem = Problem(
+        **SOUND
+        | {
+            "exosystem": exosystems.total(exosystems.constant(), exosystems.harmonics(["1e-7", 10**6, "1000000.5"])),
+            "simulation": {"xi0": [3, 1, 0, 1, 0, 5, 0]},
+        }
+    )
+    words = disturbance_words(problem, problem.groups[0])
+    assert re.findall(r"(\d+) in simulations", words) == ["3", "1", "1", "5"]
 
 
 def test_the_time_scales_of_a_chain_are_those_of_its_diagonal():

@@ -300,9 +300,19 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
         (lambda y: sympy.tanh(y) + sympy.Rational(1, 3) * y, "y/3 + tanh(y)"),
         (lambda y: 0.3 * y + sympy.Abs(y) * y, "y*abs(y) + 0.3*y"),
         (lambda y: sympy.Max(y, 2 * y), "max(y, 2*y)"),
+        (lambda y: sympy.exp(1) * y, "exp(1)*y"),
         (lambda y: sympy.exp(y) - 1, "exp(y) - 1"),
     ],
 )
 def test_a_coupling_may_be_given_as_a_sympy_expression(expression: Any, text: str):
     problem = load_problem("paper-fixed")
     assert problem.replace(coupling=expression(sympy.Symbol("y"))).coupling == problem.replace(coupling=text).coupling
+
+
+def test_a_network_with_other_agents_needs_gains_of_its_own():
+    """Gains stand by agent: with the labels in another order they would move to others."""
+    problem = Problem(network=NAMED, coupling="y", gains={"lead": 1})
+    turned = Network.from_arcs([["b", "lead"]], arrow="listens_to", agents=NAMED.labels[::-1])
+    with pytest.raises(SpecError, match=r"or the same in another order\. Give gains"):
+        problem.replace(network=turned)
+    assert problem.replace(network=turned, gains={"lead": 1}).pinning.agents == (turned.labels.index("lead"),)

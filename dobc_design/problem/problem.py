@@ -245,6 +245,7 @@ class Problem(Shown):
         Example:
             >>> dd.load_problem("paper-fixed").replace(gains={1: 7, 6: 7}, region={"initial_states": [0, 4]}).name
             'paper-fixed'
+
         Raises: SpecError where a new network has other agents, or another order, and what belongs to them is not given.
         """
         network = changes.get("network")

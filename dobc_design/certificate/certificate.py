@@ -14,7 +14,7 @@ from dobc_design._show.cards import Card, Shown, cut
 from dobc_design._show.text import latex_text
 from dobc_design.certificate.bounds import CertifiedBound, RunLike, certified_bound
 from dobc_design.certificate.claims import Claims
-from dobc_design.certificate.files import make_folder, write_together
+from dobc_design.certificate.files import make_folder, require_own, write_together
 from dobc_design.certificate.regions import Regions, certified_regions, certified_settling
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
@@ -124,13 +124,16 @@ class Certificate(Shown):
                 return each
         raise KeyError(f"no check {id!r}; there are {', '.join(dict.fromkeys(c.id for c in self.checks))}")
 
-    def save(self, folder: str | Path, *, beside: Mapping[str, bytes] | None = None) -> tuple[Path, Path]:
+    def save(
+        self, folder: str | Path, *, beside: Mapping[str, bytes] | None = None, force: bool = False
+    ) -> tuple[Path, Path]:
         """Write certificate.json and problem.json into ``folder`` (made if absent), replacing older ones.
 
         ``beside``: more files of the same run by name, such as its report; all are replaced together.
-        Returns: the two paths.  Raises: CertificateError when the machine refuses; nothing has changed then.
+        Returns: the two paths.  Raises: SpecError where the folder holds results of a problem of another name, unless
+        ``force``; CertificateError when the machine refuses; nothing has changed then.
         """
-        target = make_folder(Path(folder))
+        target = make_folder(require_own(Path(folder), self.problem.name, force=force))
         certificate, problem = target / "certificate.json", target / "problem.json"
         files = {problem: canonical_bytes(self.problem), certificate: certificate_bytes(self.claims)}
         write_together(files | {target / name: data for name, data in (beside or {}).items()})

@@ -8,6 +8,7 @@ problem, so that such a pair is found out.  Ctrl-C and SIGTERM wait until all ar
 from __future__ import annotations
 
 import errno
+import json
 import os
 import secrets
 import time
@@ -16,7 +17,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from dobc_design._signals import Postponed
-from dobc_design.errors import CertificateError
+from dobc_design.errors import CertificateError, SpecError
 
 STALE = 3600.0  # seconds after which a temporary file belongs to nobody; no write takes so long
 _LONGEST_NAME = 40  # characters of the file's own name in that of its temporary file; systems allow 255 bytes
@@ -67,6 +68,22 @@ def _write_down(name: str, data: bytes) -> None:
         stream.write(data)
         stream.flush()
         os.fsync(stream.fileno())
+
+
+def require_own(folder: Path, name: str, *, force: bool) -> Path:
+    """Refuse a folder that holds the results of a problem of another name, or of none that can be read, unless
+    ``force``; of the same name they are older results of this problem.  Raises: SpecError."""
+    held = [each for each in ("certificate.json", "problem.json", "report.html") if (folder / each).exists()]
+    if held and not force:
+        try:
+            there = json.loads((folder / "problem.json").read_bytes())["name"]
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            there = None
+        if there != name:
+            owner = f"the certificate of another problem, {there!r}" if there else f"{held[0]} of an unknown problem"
+            cure = "Choose another folder with --out, or replace these files with --force (in Python: force=True)."
+            raise SpecError(f"{str(folder)!r} holds {owner}.", key="--out", cure=cure)
+    return folder
 
 
 def make_folder(path: Path) -> Path:

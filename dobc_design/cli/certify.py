@@ -53,6 +53,7 @@ def certify(
     as_json: output.Json = False,
 ) -> None:
     """Decide every condition exactly; write certificate.json, problem.json and the report."""
+    from dobc_design.certificate.files import require_own
     from dobc_design.conditions.kinds import KINDS
     from dobc_design.exact.work import read_time_limit
     from dobc_design.problem.load import load_problem
@@ -67,7 +68,7 @@ def certify(
     tolerance = _tolerance(settling)
     seconds = None if time_limit is None else read_time_limit(time_limit, key="--time-limit")
     problem = load_problem(file)
-    folder = output.require_own(output.results_folder(out, problem.name), problem.name, force=force)
+    folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
     pages: dict[str, bytes] = {}
     with output.Progress(manner) as progress:
         how: dict[str, Any] = {"everything": everything, "time_limit": seconds}
@@ -77,9 +78,9 @@ def certify(
             try:
                 pages = render_report(certificate, searches=searches, progress=progress)
             except Exception:
-                certificate.save(folder)  # the proof outlives its picture
+                certificate.save(folder, force=force)  # the proof outlives its picture
                 raise
-        path, own, *_ = certificate.save(folder, beside=pages)
+        path, own, *_ = certificate.save(folder, beside=pages, force=force)
         if apply_fix is not None and cured is not None:
             output.write_file(apply_fix, cured, key="--apply-fix")
     page = folder / PAGE if pages else None
@@ -135,14 +136,14 @@ def region(
     as_json: output.Json = False,
 ) -> None:
     """Say from which starts consensus is proved: numbers and a picture, without a report."""
-    from dobc_design.certificate.files import make_folder, write_together
+    from dobc_design.certificate.files import make_folder, require_own, write_together
     from dobc_design.problem.load import load_problem
     from dobc_design.report.pictures import search_sheet
 
     manner = output.manner_of(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
     problem = load_problem(file)
-    folder = output.require_own(output.results_folder(out, problem.name), problem.name, force=force)
+    folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
     with output.Progress(manner) as progress:
         largest = everything or problem.region is None
         how: dict[str, Any] = {"everything": largest, "time_limit": None}

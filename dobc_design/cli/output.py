@@ -305,18 +305,6 @@ def results_folder(out: Path | None, name: str, *, suffix: str = "certificate") 
     return require_folder(out if out is not None else Path(f"{folder_name(name)}-{suffix}"))
 
 
-def require_own(folder: Path, name: str, *, force: bool) -> Path:
-    """Refuse a folder with the certificate of a problem of another name, unless ``force``."""
-    try:
-        there = json.loads((folder / "problem.json").read_bytes())["name"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
-        return folder  # none there, or nothing that could be lost
-    if there != name and not force:
-        what = f"{str(folder)!r} holds the certificate of another problem, {there!r}."
-        raise SpecError(what, key="--out", cure="Choose another folder with --out, or add --force to replace it.")
-    return folder
-
-
 def require_folder(folder: Path, *, key: str = "--out") -> Path:
     """Refuse a folder that is something else already.  Raises: SpecError."""
     if os.path.lexists(folder) and not folder.is_dir():  # a link to nowhere counts

@@ -8,7 +8,7 @@ not 50.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -96,37 +96,59 @@ def of_parts(
         if kind not in KINDS:
             what = f"must be one of {', '.join(KINDS)}; got {shown(kind)}."
             raise wrong("exosystem.kind", what, "For another shape give A and C.")
-        if (frequencies is not None) is not (kind == "harmonics"):
-            if frequencies is not None:
-                raise wrong("exosystem.frequencies", "has no meaning for this kind.", "Remove kind: parts add up.")
-            cure = "Write frequencies = [2], in rad/s, or hz = [0.5]."
+        beside = {"constant": constant, "ramp": ramp, "hz": hz}
+        if kind != "harmonics":
+            beside["frequencies"] = frequencies
+        elif frequencies is None:
+            cure = "Write frequencies = [2], in rad/s; or, without kind, hz = [0.5]."
             raise wrong("exosystem.frequencies", "is required for harmonics and missing.", cure)
-        constant, ramp = constant or kind == "constant", ramp or kind == "ramp"
+        for key in (key for key, value in beside.items() if value is not None):
+            raise wrong(f"exosystem.{key}", "cannot stand beside kind.", "Remove kind: parts without it add up.")
+        constant, ramp = kind == "constant", kind == "ramp"
     for key, value in (("constant", constant), ("ramp", ramp)):
-        if value not in (None, True, False) or not isinstance(value, bool | None):
+        if not isinstance(value, bool | None):
             raise wrong(f"exosystem.{key}", f"must be true or false; got {shown(value)}.", f"Write {key} = true.")
     shapes = [polynomial(1 if ramp else 0)] if constant or ramp else []
-    sines = [] if frequencies is None else list(frequencies) if is_list(frequencies) else [frequencies]
-    sines += [] if hz is None else [_angular(f, k) for k, f in enumerate(hz if is_list(hz) else [hz])]
-    if sines or frequencies is not None:
-        shapes.append(harmonics(sines))
+    sines: dict[Fraction, str] = {}
+    for key, value in (("frequencies", frequencies), ("hz", hz)):
+        if value is not None:
+            _add_sines(sines, value, key=f"exosystem.{key}")
+    if sines:
+        shapes.append(_sum_of_sines(sines))
     if not shapes:
         cure = "Write constant = true, ramp = true, hz = [0.5] or frequencies = [2]; they add up."
         raise wrong("exosystem", "has no part: nothing is true and no frequency is given.", cure)
     return stacked(*[total(*shapes)] * components)
 
 
-def _angular(value: Any, place: int) -> Fraction:
-    """2 pi times a frequency in Hz, rounded to twelve digits."""
-    key = f"hz[{place}]"
-    frequency = parse_number(value, key=key)
-    if not Fraction(1, 10**15) < frequency < 10**15:
-        raise wrong(
-            key,
-            f"must be > 0 (Hz, cycles per second), from 1e-15 to 1e15; got {shown_number(frequency)}.",
-            "For example hz = [0.5].",
-        )
-    return Fraction(f"{math.tau * frequency.numerator / frequency.denominator:.{DIGITS}g}")
+def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
+    """Add angular frequencies (rad/s) to ``found``, each with the key that states it; those of the key hz are in Hz,
+    and 2 pi f is rounded to twelve digits."""
+    in_hz, unit = (True, "Hz") if key.endswith("hz") else (False, "rad/s")
+    given = list(value) if is_list(value) else [value]
+    if not given:
+        what = f"must hold at least one number ({unit}); got none."
+        raise wrong(key, what, "A disturbance without sines has no such key; constant() is one.")
+    for k, each in enumerate(given):
+        name = f"{key}[{k}]" if is_list(value) else key
+        w = parse_number(each, key=name)
+        if w <= 0 or (in_hz and not Fraction(1, 10**15) < w < 10**15):
+            limits = "between 1e-15 and 1e15 Hz" if in_hz else "> 0 (rad/s)"
+            cure = "A constant part is added by constant = true, in Python by total(constant(), harmonics(...))."
+            raise wrong(name, f"must be {limits}; got {shown_number(w)}.", cure)
+        if in_hz:
+            w = Fraction(f"{math.tau * w.numerator / w.denominator:.{DIGITS}g}")
+        if w in found:
+            what = (
+                f"must differ from {found[w]}, because equal sines cannot be told apart; both are"
+                f" {nearest(w):.6g} rad/s ({nearest(w) / math.tau:.6g} Hz)."
+            )
+            raise wrong(name, what, "Name each frequency once; amplitude and phase are free.")
+        found[w] = name
+
+
+def _sum_of_sines(frequencies: Iterable[Fraction]) -> Exosystem:
+    return total(*(Exosystem(A=[[0, w], [-w, 0]], C=[[1, 0]]) for w in frequencies))
 
 
 def constant() -> Exosystem:
@@ -159,23 +181,9 @@ def harmonics(frequencies: Any) -> Exosystem:
         >>> dd.exosystems.harmonics([1, "5/2"]).order
         4
     """
-    given = list(frequencies) if is_list(frequencies) else [frequencies]
-    if not given:
-        what = "must hold at least one number (rad/s); got none."
-        raise wrong("frequencies", what, "For a constant disturbance use constant().")
-    values = [parse_number(w, key=f"frequencies[{k}]") for k, w in enumerate(given)]
-    for k, w in enumerate(values):
-        if w <= 0:
-            what = f"must be > 0 (rad/s); got {shown_number(w)}."
-            raise wrong(f"frequencies[{k}]", what, "A constant part is added by total(constant(), harmonics(...)).")
-        if w in values[:k]:
-            raise wrong(
-                f"frequencies[{k}]",
-                "must differ from the others, because equal sines cannot be told apart; got"
-                f" {nearest(w):.6g} rad/s ({nearest(w) / math.tau:.6g} Hz) twice.",
-                "Name each frequency once; amplitude and phase are free.",
-            )
-    return total(*(Exosystem(A=[[0, w], [-w, 0]], C=[[1, 0]]) for w in values))
+    found: dict[Fraction, str] = {}
+    _add_sines(found, frequencies, key="frequencies")
+    return _sum_of_sines(found)
 
 
 def periodic(fundamental: Any, *, harmonics_kept: Any, mean: bool = True) -> Exosystem:

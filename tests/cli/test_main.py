@@ -26,7 +26,7 @@ from dobc_design import __version__
 from dobc_design.cli.main import main
 from dobc_design.cli.output import EXIT
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.errors import SolverError
+from dobc_design.errors import SolverError, SpecError
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.load import builtin_names, builtin_text, load_problem
 
@@ -585,6 +585,13 @@ def test_a_certificate_folder_of_another_problem_is_kept_unless_forced(dobc):
     assert other.code == 2
     assert "holds the certificate of another problem" in other.err
     assert dobc("region", "paper-fixed", "--out", "c").code == 2
+    Path("c/problem.json").rename("c/elsewhere.json")
+    assert "certificate.json of an unknown problem" in dobc("certify", chain, "--no-report", "--out", "c").err
+    Path("c/elsewhere.json").rename("c/problem.json")
+    assert listing(Path("c")) == before
+    certificate = certify_once("paper-fixed")
+    with pytest.raises(SpecError, match="force=True"):
+        certificate.save("c")
     assert listing(Path("c")) == before
     assert dobc("certify", chain, "--no-report", "--out", "c").code in (0, 1, 3)
     assert dobc("certify", "paper-fixed", "--no-report", "--out", "c", "--force").code == 0

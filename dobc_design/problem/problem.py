@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from fractions import Fraction
 from functools import partial
+from inspect import signature
 from itertools import islice
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -246,8 +247,13 @@ class Problem(Shown):
             >>> dd.load_problem("paper-fixed").replace(gains={1: 7, 6: 7}, region={"initial_states": [0, 4]}).name
             'paper-fixed'
 
-        Raises: SpecError where a new network has other agents, or another order, and what belongs to them is not given.
+        Raises: SpecError for an unknown argument, and where a new network has other agents, or another order, and what
+        belongs to them is not given.
         """
+        known = signature(Problem).parameters
+        if unknown := [name for name in changes if name not in known]:
+            what = f"a problem has no argument {unknown[0]!r}."
+            raise SpecError(what, key=unknown[0], cure=f"Its arguments are {', '.join(known)}.")
         network = changes.get("network")
         if isinstance(network, Network) and network.labels != self.network.labels:
             starts = max(len(self.simulation.x0 or ()), len(self.simulation.xi0 or ())) > 1
@@ -299,6 +305,11 @@ class Problem(Shown):
         facts += [(name, value) for name, value in named_facts if value]
         text = f"{counted(self.n, 'agent')} with {counted(self.m, 'state component')} each"
         return Card(title=self.name, text=text, facts=facts)
+
+    def __str__(self) -> str:
+        from dobc_design.problem.words import describe  # it is about problems
+
+        return describe(self)
 
     def __repr__(self) -> str:
         return f"<Problem {self.name}: {self.network!r}, {counted(len(self.pinning.gains), 'pinned agent')}>"

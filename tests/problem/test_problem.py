@@ -292,6 +292,12 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
     assert problem.replace() == problem
     with pytest.raises(SpecError, match=r"region\.initial"):
         problem.replace(region={"initial": 3})
+    with pytest.raises(SpecError, match=r"no argument 'pinning'\. Its arguments are network, coupling, .*gains"):
+        problem.replace(pinning={1: 2})
+
+
+def test_a_printed_problem_says_what_check_says():
+    assert "Disturbance: sine of 2 rad/s" in str(load_problem("paper-fixed"))
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.rocq import rocq_proof
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -41,6 +42,13 @@ NUMBER = r"\(?(-?\d+)(?: # (\d+))?\)?"
 def certificate_of(name):
     """Of the others without their region, which is not exported and takes long."""
     return certified(name) if name == "paper-fixed" else certify(without_region(name))
+
+
+@cache
+def certificate_of_a_ring():
+    """That of paper-fixed with four agents: a proof with a rate of all ten keeps the kernel busy for long."""
+    ring = Network.from_arcs([[1, 2], [2, 3], [3, 4], [4, 1]], arrow="listens_to")
+    return certify(load_problem("paper-fixed").replace(network=ring, gains={1: 5}))
 
 
 def cycle(n=3, *, gains=2, **more):
@@ -295,7 +303,7 @@ def run_coq(text, folder):
 
 @pytest.mark.slow
 @needs_coq
-@pytest.mark.parametrize("name", BUILTINS[:4])  # that of uav-swarm keeps the kernel busy longest
+@pytest.mark.parametrize("name", BUILTINS[:3])  # the others keep the kernel busy longest
 def test_coq_accepts_the_builtin_problems(name, tmp_path):
     """Over the rationals without any axiom."""
     outcome = run_coq(rocq_proof(certificate_of(name)), tmp_path)
@@ -309,11 +317,18 @@ def test_coq_accepts_the_builtin_problems(name, tmp_path):
 @needs_coq
 @pytest.mark.parametrize(
     ("problem", "rate"),
-    [("paper-fixed", True), (two_modes_of_matrix_gains(), True), (nasty('*) Axiom bad : False. (* " λ'), False)],
-    ids=["rate", "lemma1", "nasty"],
+    [(two_modes_of_matrix_gains(), True), (nasty('*) Axiom bad : False. (* " λ'), False)],
+    ids=["lemma1", "nasty"],
 )
-def test_coq_accepts_rates_lemma_1_and_any_name(problem, rate, tmp_path):
+def test_coq_accepts_lemma_1_and_any_name(problem, rate, tmp_path):
     outcome = run_coq(rocq_proof(certify(problem), rate=rate), tmp_path)
+    assert outcome.returncode == 0, outcome.stderr[-2000:]
+
+
+@pytest.mark.slow
+@needs_coq
+def test_coq_accepts_a_rate(tmp_path):
+    outcome = run_coq(rocq_proof(certificate_of_a_ring(), rate=True), tmp_path)
     assert outcome.returncode == 0, outcome.stderr[-2000:]
 
 
@@ -330,9 +345,9 @@ def test_coq_accepts_whatever_random_problem_is_exported(tmp_path):
         outcome = run_coq(text, tmp_path)
         assert outcome.returncode == 0, f"seed {seed}: {outcome.stderr[-2000:]}"
         count += 1
-        if count == 2:
+        if count == 1:  # CI has time for one
             return
-    raise AssertionError(f"only {count} problems were exported")
+    raise AssertionError("no problem was exported")
 
 
 def changed(text, old, new):
@@ -364,7 +379,8 @@ MUTANTS = {
 @needs_coq
 @pytest.mark.parametrize("what", MUTANTS)
 def test_coq_rejects_the_file_when_one_number_is_another(what, tmp_path):
-    text = rocq_proof(certificate_of("paper-fixed"), rate=what == "the rate")
+    rate = what == "the rate"
+    text = rocq_proof(certificate_of_a_ring() if rate else certificate_of("paper-fixed"), rate=rate)
     pattern, new = MUTANTS[what]
     wrong, count = re.subn(pattern, new, text)
     assert count == 1

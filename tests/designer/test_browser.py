@@ -11,7 +11,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from chromium import CHROMIUM, Page, browser, until
+from chromium import AXE, CHROMIUM, Page, browser, until
 
 from dobc_design.problem.load import load_problem
 
@@ -88,4 +88,12 @@ def test_a_click_pins_an_agent_and_the_exact_verdict_follows(page: Page, tmp_pat
     until("the file", (tmp_path / "paper-fixed-designed.toml").exists)
     saved = load_problem(tmp_path / "paper-fixed-designed.toml")
     assert [saved.network.labels[i] for i in saved.pinning.agents] == ["2"]
-    page.screenshot(Path(os.environ.get("DOBC_SCREENSHOTS", tmp_path)) / "designer.png")
+    for theme in ("Dark", "Light"):
+        page.run(f"window.jupyterapp.commands.execute('apputils:change-theme', {{theme: 'JupyterLab {theme}'}})")
+        is_light = f"document.body.dataset.jpThemeLight === '{str(theme == 'Light').lower()}'"
+        until("the theme", lambda script=is_light: page.run(script))
+        page.screenshot(Path(os.environ.get("DOBC_SCREENSHOTS", tmp_path)) / f"designer-{theme.lower()}.png")
+        if AXE:
+            found = page.audit("'.dobc-designer'")
+            assert found["rules"] > 10
+            assert found["wrong"] == [], theme

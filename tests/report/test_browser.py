@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import html
 import json
-import os
 import re
 import subprocess
 from pathlib import Path
@@ -16,17 +15,11 @@ from typing import Any
 
 import pytest
 from certified import certified
-from chromium import CHROMIUM, alone, browser, until
+from chromium import AXE, CHROMIUM, alone, browser, until
 from shown import Page, compare_html, html_report
 
 from dobc_design.report.write import render_report
 
-AXE = os.environ.get("AXE_SCRIPT", "")
-RULES = '["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]'
-AUDIT = f"""axe.run(document, {{runOnly: {{type: "tag", values: {RULES}}}}}).then(found => ({{
-  rules: found.passes.length,
-  wrong: found.violations.map(each => each.id + ": " + each.nodes.map(node => node.target.join(" ")).join(", ")),
-}}))"""
 # The empty page that a tab begins with is complete, too.
 LOADED = "document.readyState === 'complete' && document.title !== ''"
 # How far to the right anything reaches, what would have to be scrolled included.
@@ -70,9 +63,7 @@ def audit(text: str, folder: Path, *, scheme: str) -> dict[str, Any]:
     with browser(folder, file.as_uri(), wanted="page.html") as page:
         page.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         until("the page", lambda: page.run(LOADED))
-        page.run(Path(AXE).read_text("utf-8") + "; true")
-        found: dict[str, Any] = page.run(AUDIT)
-    return found
+        return page.audit()
 
 
 @needs_chromium

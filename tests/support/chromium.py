@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import shutil
 import subprocess
 import time
@@ -17,6 +18,12 @@ import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 PATIENCE = 240  # s
+AXE = os.environ.get("AXE_SCRIPT", "")  # axe-core is not shipped
+RULES = '["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]'
+AUDIT = f"""axe.run({{part}}, {{{{runOnly: {{{{type: "tag", values: {RULES}}}}}}}}}).then(found => ({{{{
+  rules: found.passes.length,
+  wrong: found.violations.map(each => each.id + ": " + each.nodes.map(node => node.target.join(" ")).join(", ")),
+}}}}))"""
 
 
 def alone(*options: str) -> list[str]:
@@ -59,6 +66,12 @@ class Page:
         """The value of an expression; None while there is no page that could say it."""
         answer = self.ask("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
         return answer["result"].get("value")
+
+    def audit(self, part: str = "document") -> dict[str, Any]:
+        """How many rules of axe-core hold in a part of the page, and which do not."""
+        self.run(Path(AXE).read_text("utf-8") + "; true")
+        found: dict[str, Any] = self.run(AUDIT.format(part=part))
+        return found
 
     def screenshot(self, path: Path) -> None:
         path.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))

@@ -19,8 +19,9 @@ import pytest
 import dobc_design as dd
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.coupling.expression import parse_expression
+from dobc_design.errors import SpecError
 from dobc_design.exact.number import number_key
-from dobc_design.exact.work import WorkLimitError, at_most, exhausted, out_of_time, spend, until
+from dobc_design.exact.work import WorkLimitError, at_most, exhausted, out_of_time, read_time_limit, spend, until
 
 RING = "a = [[1, 2], [2, 3], [3, 1]]"
 CHILD = """
@@ -168,8 +169,14 @@ def test_a_time_limit_leaves_out_the_stages_after_it_and_the_certificate_says_so
 
 
 @pytest.mark.parametrize("wrong", ["0", "-1", "nan", "soon", "1e9"])
-def test_a_wrong_time_limit_is_refused_by_its_name(wrong: str, tmp_path: Path):
-    found = ran(tmp_path, "certify", "paper-fixed", "--time-limit", wrong, "--json")
+def test_a_wrong_time_limit_is_refused_by_its_name(wrong: str):
+    with pytest.raises(SpecError) as refused:
+        read_time_limit(wrong, key="--time-limit")
+    assert refused.value.key == "--time-limit"
+
+
+def test_the_command_line_refuses_a_wrong_time_limit(tmp_path: Path):
+    found = ran(tmp_path, "certify", "paper-fixed", "--time-limit", "soon", "--json")
     assert found.returncode == 2
     assert json.loads(found.stdout)["error"]["key"] == "--time-limit"
 

@@ -213,9 +213,8 @@ def reachability_check(problem: Problem, mode: str) -> Check:
     labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
     if not labels:
         return check(verdict=Verdict.PROVED, reason="every agent is reached from a pinned agent.")
-    whom, hear = ("it", "hears") if len(labels) == 1 else ("them", "hear")
-    pins = f"no pinned agent reaches {whom}" if problem.pinning.agents else "there is no pinned agent"
-    reason = f"{name_agents(labels)} {hear} no pinned agent: {pins}. {cure_in_words(problem, arcs)}"
+    pins = f"no pinned agent reaches {name_agents(labels)}" if problem.pinning.agents else "there is no pinned agent"
+    reason = f"{pins}. {cure_in_words(problem, arcs)}"
     return check(verdict=Verdict.REFUTED, reason=reason, witness=Witness(kind="agents", labels=labels))
 
 

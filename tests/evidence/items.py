@@ -48,7 +48,7 @@ ITEMS = (
     Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000, share=0),
     Item(name="groups-recheck", run=certificates.groups_recheck, count=200, seed=6000, share=40),
     Item(name="groups-mutants", run=certificates.groups_mutants, count=4000, seed=6000, share=40),
-    Item(name="removals", run=certificates.removals, count=300, seed=0, share=150),
+    Item(name="removals", run=certificates.removals, count=300, seed=0, share=300),
     Item(name="region-recheck", run=certificates.region_recheck, count=60, seed=0, share=60),
     Item(name="region-mutants", run=certificates.region_mutants, count=2000, seed=3, share=100),
     Item(name="known-regions", run=certificates.regions, count=100, seed=0, share=50),

@@ -251,7 +251,8 @@ def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check
         output.show([Text(f"\n{COLUMNS}", style="dim")])
     regional = any(check.id == certificate.covered_by and check.kind.role == "region" for check in checks)
     if not regional or certificate.problem.region is not None:  # else nothing is to be cured
-        output.show(_cures(checks, width=width, file=file, name=certificate.problem.name))
+        unproved = certificate.verdict.value != "proved"
+        output.show(_cures(checks, width=width, file=file, name=certificate.problem.name, unproved=unproved))
     notes = certificate.claims.notes
     output.show(Text(f"{'' if place else chr(10)}Note: {note}") for place, note in enumerate(notes))
 
@@ -269,7 +270,7 @@ def _rows(checks: Sequence[Check]) -> list[tuple[str, Check]]:
     return rows
 
 
-def _cures(checks: Sequence[Check], *, width: int, file: str | None, name: str) -> Iterator[str]:
+def _cures(checks: Sequence[Check], *, width: int, file: str | None, name: str, unproved: bool) -> Iterator[str]:
     """What would cure what failed: in words, as lines of the problem file, and the command that writes them."""
     from dobc_design.conditions.check import main_cure, other_cures
     from dobc_design.problem.changes import change_lines
@@ -278,7 +279,7 @@ def _cures(checks: Sequence[Check], *, width: int, file: str | None, name: str) 
     for each in [*([] if main is None else [main]), *other_cures(checks)]:
         if each.fix is None:
             continue
-        head = "What would cure it:" if each.kind.role == "paper" else f"What would cure {each.id}:"
+        head = f"What would cure {'it' if unproved and each.kind.role == 'paper' else each.id}:"
         if each.verdict.value != "refuted" or each.id == "observability":
             head = f"What would help {each.id}:"
         words = f"{head} {each.fix.text}"

@@ -112,7 +112,9 @@ def parse_toml(data: bytes) -> dict[str, Any]:
         raise _too_deep() from None
     except tomllib.TOMLDecodeError as error:
         what = f"the problem file is not valid TOML: {error}."
-        raise SpecError(what, cure="Look at that line: a missing quote or bracket, or a key given twice.") from None
+        raise SpecError(
+            what, cure="Look at that line: a missing quote or bracket, a key given twice, yes for true?"
+        ) from None
     except ValueError:  # Python refuses to read a whole number of more than 4300 digits
         what = "the problem file holds a whole number of thousands of digits."
         raise SpecError(what, cure="Numbers have at most 200 digits.") from None

@@ -31,6 +31,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 LARGEST_ORDER = 40  # of an exosystem that is described part by part
+ZERO = 1e-12  # an eigenvalue below, relative to the largest, may be 0
 FAR_APART = 10**6  # gains or weights whose ratio is larger are worth a word
 FAST, LONG = 1000, 10**4  # how often faster, or longer, than anything else is worth a word
 SAMPLES = 801  # of a coupling over the region
@@ -145,8 +146,8 @@ def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
         elif own.rate is not None:
             spectra.append(("observer", np.array([-float(own.rate)])))
     fast = [(1 / float(np.abs(s).max()), who) for who, s in spectra if np.abs(s).any()]
-    slow = [(-1 / float(s.real.max()), who) for who, s in spectra if who != "disturbance" and s.real.max() < 0]
-    return fast, slow
+    decaying = ((who, s) for who, s in spectra if who != "disturbance" and s.real.max() < -ZERO * np.abs(s).max())
+    return fast, [(-1 / float(s.real.max()), who) for who, s in decaying]
 
 
 def remarks(problem: Problem) -> tuple[str, ...]:

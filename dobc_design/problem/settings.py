@@ -88,8 +88,7 @@ def _read_disturbance(value: Any, *, with_exosystem: bool) -> Fraction | None:
     key = "region.initial_disturbance"
     if value is None:
         if with_exosystem:
-            because = "because a large estimation error pushes the states out of it"
-            what = f"is required when there is an [exosystem]: an e-ball alone is not invariant, {because}."
+            what = "is required when there is an [exosystem]: a large estimation error can push the states out of it."
             raise wrong(key, what, "Give the largest |xi_i(0) - xihat_i(0)|, for example 0.5; 0 if it is known.")
         return None
     number = parse_number(value, key=key)

@@ -17,7 +17,7 @@ from scipy.integrate import DOP853, Radau
 
 from dobc_design.errors import wrong
 from dobc_design.problem.arrays import ArcGroup, Array
-from dobc_design.simulation.field import ClosedForm, Loop, errors_pattern, field_of, network_of
+from dobc_design.simulation.field import ClosedForm, Loop, errors_pattern, network_of
 from dobc_design.simulation.switches import LOOKS, Modes, Stay
 
 Derivative = Callable[[float, Array], Array]
@@ -64,7 +64,7 @@ def errors_alone(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Arra
 
         return derivative, network.pattern
 
-    return _by_mode(loop, modes, right_hand_side, lambda state: state.reshape(shape) + loop.goal)
+    return _by_mode(modes, right_hand_side, lambda state: state.reshape(shape) + loop.goal, loop.goal)
 
 
 def both_errors(loop: Loop, modes: Modes, F: Array) -> Plan:
@@ -82,20 +82,15 @@ def both_errors(loop: Loop, modes: Modes, F: Array) -> Plan:
 
         return derivative, partial(errors_pattern, loop, groups)
 
-    return _by_mode(loop, modes, right_hand_side, lambda state: state[:cut].reshape(loop.n, loop.m) + loop.goal)
-
-
-def full_loop(loop: Loop, modes: Modes) -> Plan:
-    """State [x; xi; z]: the loop as printed, the reference."""
-    made = cache(lambda mode: field_of(loop, modes.groups(mode)))
-    return _by_mode(loop, modes, lambda mode: (made(mode), made(mode).pattern), lambda state: loop.split(state)[0])
+    shape = (loop.n, loop.m)
+    return _by_mode(modes, right_hand_side, lambda state: state[:cut].reshape(shape) + loop.goal, loop.goal)
 
 
 def _by_mode(
-    loop: Loop,
     modes: Modes,
     right_hand_side: Callable[[int], tuple[Derivative, Pattern]],
     positions: Callable[[Array], Array],
+    goal: Array,
 ) -> Plan:
     made = cache(right_hand_side)
 
@@ -103,7 +98,7 @@ def _by_mode(
         stay = modes.stay(time, positions(state))
         return *made(stay.mode), stay
 
-    return Plan(loop.goal, positions, segment)
+    return Plan(goal, positions, segment)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -136,7 +131,7 @@ class Integration:
         self.farthest = FARTHEST * self.risen
         self.step: float | None = None
         self.evaluations, self.steps, self.looked = 0, 0, 0.0
-        self.notes: list[str] = []
+        self.notes = ["The loop is stiff: integrated by the implicit method Radau."] * implicit
         self.methods = ["Radau" if implicit else "DOP853"]
         self.rise: list[tuple[float, Array]] = []  # steps since the last sample, each with a larger error
 

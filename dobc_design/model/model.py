@@ -248,18 +248,11 @@ def build_flow(
     """The flow of one mode, the first unless ``mode`` names another, with W = ``gain`` (q, m).  Raises: SpecError."""
     model = build_model(problem, mode, gain=gain)
     rows, size = model.n * model.m, model.n * (model.m + model.q)
-    state, step = ca.SX.sym("state", size), horizon / steps
-
-    def slope(at: Any) -> Any:
-        return ca.vertcat(*model.error_dynamics(at[:rows], at[rows:]))
-
-    first = slope(state)
-    second = slope(state + step / 2 * first)
-    third = slope(state + step / 2 * second)
-    fourth = slope(state + step * third)
-    one = ca.Function("step", [state], [state + step / 6 * (first + 2 * second + 2 * third + fourth)])
+    state = ca.SX.sym("state", size)
+    slope = ca.vertcat(*model.error_dynamics(state[:rows], state[rows:]))
+    runge_kutta = ca.simpleRK(ca.Function("slope", [state, ca.SX.sym("nothing", 0)], [slope]), steps)
     start, weight = ca.MX.sym("start", size), ca.MX.sym("weight", size)
-    end = one.fold(steps)(start)
+    end = runge_kutta(start, [], horizon)
     pull = [end, ca.jtimes(end, start, weight, True)]
     return Flow(
         rows=rows,

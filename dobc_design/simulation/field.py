@@ -251,9 +251,6 @@ class Network:
         result -= self.loop.K @ e
         return result
 
-    def pattern(self) -> sp.csr_array:
-        return _block(hears(self.groups, self.loop.n), self.loop.m, self.loop.m)
-
 
 def network_of(loop: Loop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
     """h(e) - K e on arcs that are grouped by coupling."""
@@ -271,11 +268,11 @@ def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     return sp.block_array(rows, format="csr")
 
 
-def errors_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
-    """Who may influence whom in [e; eps]."""
-    own = sp.eye_array(loop.n, format="csr")
-    e_dot = [_block(hears(groups, loop.n), loop.m, loop.m), _block(own, loop.m, loop.q)]
-    return sp.block_array([e_dot, [None, _block(own, loop.q, loop.q)]], format="csr")
+def errors_pattern(loop: Loop, groups: Sequence[ArcGroup], *, both: bool) -> sp.csr_array:
+    """Who may influence whom in e, or in ``both`` [e; eps]."""
+    own, alone = sp.eye_array(loop.n, format="csr"), _block(hears(groups, loop.n), loop.m, loop.m)
+    rows = [[alone, _block(own, loop.m, loop.q)], [None, _block(own, loop.q, loop.q)]]
+    return sp.block_array(rows, format="csr") if both else alone
 
 
 def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:

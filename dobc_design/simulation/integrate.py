@@ -49,56 +49,35 @@ class Plan(NamedTuple):
         return float(np.abs(self.positions(state) - self.goal).max())
 
 
-def errors_alone(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array) -> Plan:
-    """State e, flat (n m,); the observer's error is known in closed form (22)."""
-    shape = (loop.n, loop.m)
+def errors(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array, F: Array) -> Plan:
+    """State e, flat (n m,), where the observer's error is known in closed form (22); else [e; eps], eps' = F eps (17).
+    Both may die out, while xi and z go on; nor is eps lost in the difference of two states that grow."""
+    shape, cut, both = (loop.n, loop.m), loop.n * loop.m, loop.q > 0 and closed is None
 
-    def right_hand_side(mode: int) -> tuple[Derivative, Pattern]:
-        network = network_of(loop, modes.groups(mode))
+    def positions(state: Array) -> Array:
+        return np.asarray(state[:cut].reshape(shape) + loop.goal)
 
-        def derivative(time: float, e: Array) -> Array:
-            result = network(e)
-            if closed is not None:
-                result.reshape(shape)[...] += eps0 @ closed.at(time).T
-            return result
-
-        return derivative, network.pattern
-
-    return _by_mode(modes, right_hand_side, lambda state: state.reshape(shape) + loop.goal, loop.goal)
-
-
-def both_errors(loop: Loop, modes: Modes, F: Array) -> Plan:
-    """State [e; eps], where the observer's error has no closed form: eps' = F eps (17).  Both may die out, while xi and
-    z go on; nor is eps lost in the difference of two states that grow."""
-    cut = loop.n * loop.m
-
-    def right_hand_side(mode: int) -> tuple[Derivative, Pattern]:
+    @cache
+    def made(mode: int) -> tuple[Derivative, Pattern]:
         groups = modes.groups(mode)
         network = network_of(loop, groups)
 
         def derivative(time: float, state: Array) -> Array:
+            result = network(state[:cut])
+            if closed is not None:
+                result.reshape(shape)[...] += eps0 @ closed.at(time).T
+            if not both:
+                return result
             eps = state[cut:].reshape(loop.n, loop.q)
-            return np.concatenate([network(state[:cut]) + (eps @ loop.C.T).ravel(), (eps @ F.T).ravel()])
+            return np.concatenate([result + (eps @ loop.C.T).ravel(), (eps @ F.T).ravel()])
 
-        return derivative, partial(errors_pattern, loop, groups)
-
-    shape = (loop.n, loop.m)
-    return _by_mode(modes, right_hand_side, lambda state: state[:cut].reshape(shape) + loop.goal, loop.goal)
-
-
-def _by_mode(
-    modes: Modes,
-    right_hand_side: Callable[[int], tuple[Derivative, Pattern]],
-    positions: Callable[[Array], Array],
-    goal: Array,
-) -> Plan:
-    made = cache(right_hand_side)
+        return derivative, partial(errors_pattern, loop, groups, both=both)
 
     def segment(time: float, state: Array) -> Piece:
         stay = modes.stay(time, positions(state))
         return *made(stay.mode), stay
 
-    return Plan(goal, positions, segment)
+    return Plan(loop.goal, positions, segment)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)

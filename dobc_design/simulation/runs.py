@@ -265,10 +265,7 @@ def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progr
     loop, off, eps0 = setting.loop, setting.observer == "off", start.xi - start.xihat
     closed, e0, F = settings.closed_form_of(setting), (start.x - loop.goal).ravel(), loop.A if off else loop.F
     along = loop.q > 0 and closed is None
-    if along:
-        plan, flat = integrate.both_errors(loop, modes, F), np.concatenate([e0, eps0.ravel()])
-    else:
-        plan, flat = integrate.errors_alone(loop, modes, closed, eps0), e0
+    plan, flat = integrate.errors(loop, modes, closed, eps0, F), np.concatenate([e0, eps0.ravel()]) if along else e0
     implicit, tolerance = settings.is_stiff(setting, closed=not along), setting.tolerance
     run = integrate.Integration(
         plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress

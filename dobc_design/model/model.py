@@ -19,6 +19,7 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.coupling.expression import Expression
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
 from dobc_design.coupling.tree import Operators, evaluate, variable_names
+from dobc_design.exact.number import nearest
 from dobc_design.problem import arrays
 from dobc_design.problem.problem import Problem
 
@@ -27,10 +28,7 @@ class CasadiAlgebra(Operators):
     """Algebra (``coupling.tree.Algebra``) of CasADi expressions, element by element on vectors."""
 
     def constant(self, value: Fraction) -> Any:
-        try:
-            return ca.DM(value.numerator / value.denominator)
-        except OverflowError:  # constants are never negative
-            return ca.DM(np.inf)
+        return ca.DM(nearest(value))
 
     def pi(self) -> Any:
         return ca.DM(np.pi)
@@ -42,20 +40,20 @@ class CasadiAlgebra(Operators):
 class SympyAlgebra(Operators):
     """The same of SymPy expressions, number for number: 3.2 arrives as 16/5."""
 
-    def constant(self, value: Fraction) -> Any:
+    def __init__(self) -> None:
         import sympy  # which nothing else here needs
 
-        return sympy.Rational(value.numerator, value.denominator)
+        self.library: Any = sympy
+
+    def constant(self, value: Fraction) -> Any:
+        return self.library.Rational(value.numerator, value.denominator)
 
     def pi(self) -> Any:
-        import sympy
-
-        return sympy.pi
+        return self.library.pi
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
-        import sympy
-
-        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(sympy, "sympy")(*operands))
+        found = self.library
+        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(found, "sympy")(*operands))
 
 
 def to_sympy(expression: Expression) -> tuple[Any, tuple[Any, ...]]:

@@ -59,7 +59,7 @@ def certify(
     from dobc_design.problem.load import load_problem
     from dobc_design.report.write import PAGE, render_report
 
-    manner = output.manner_of(quiet=quiet, verbose=verbose)
+    stages = output.Progress(quiet=quiet, verbose=verbose)
     if theorem is not None and theorem not in KINDS:
         raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(KINDS)}.")
     output.refuse_option(out, key="--out")
@@ -70,7 +70,7 @@ def certify(
     problem = load_problem(file)
     folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
     pages: dict[str, bytes] = {}
-    with output.Progress(manner) as progress:
+    with stages as progress:
         how: dict[str, Any] = {"everything": everything, "time_limit": seconds}
         certificate, searches = _certified(problem, tolerance, progress, search=search, **how)
         cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
@@ -109,7 +109,7 @@ def certify(
             document |= {"verdict": verdict, "reason": reason, "rate": rate}
             document |= {"covered_by": theorem if verdict == "proved" else None, "theorem": theorem}
         output.print_json(document)
-    elif manner is not output.Manner.QUIET:
+    elif not quiet:
         head = output.verdict_line(problem.name, verdict, reason.removeprefix("Undecided: "))
         settled = certificate.settling if theorem is None else None
         output.show(output.remark_lines(problem))
@@ -140,11 +140,11 @@ def region(
     from dobc_design.problem.load import load_problem
     from dobc_design.report.pictures import search_sheet
 
-    manner = output.manner_of(quiet=quiet, verbose=verbose)
+    stages = output.Progress(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
     problem = load_problem(file)
     folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
-    with output.Progress(manner) as progress:
+    with stages as progress:
         largest = everything or problem.region is None
         how: dict[str, Any] = {"everything": largest, "time_limit": None}
         certificate, searches = _certified(problem, _tolerance(settling), progress, search=search, **how)
@@ -161,7 +161,7 @@ def region(
     written = [str(path) for path in files]
     if as_json:
         output.print_json(document | {"files": written})
-    elif manner is not output.Manner.QUIET:
+    elif not quiet:
         output.show(output.remark_lines(problem))
         output.show(_shown(certificate, searches, wide=output.make_console().width >= WIDE))
         output.say("\n" + "\n".join(f"wrote {path}" for path in written))

@@ -41,14 +41,14 @@ def design(
     from dobc_design.problem.load import load_problem, source_text
     from dobc_design.synthesis import designs
 
-    manner = output.manner_of(quiet=quiet, verbose=verbose)
+    stages = output.Progress(quiet=quiet, verbose=verbose)
     output.check_target(out, force=force, key="--out")
     output.require_toml(out, key="--out")
     problem = load_problem(file)
     # A whole number of pins where it is one; anything else is refused where requests are read.
     whole = pins is not None and pins.isascii() and pins.isdigit() and len(pins) < 10
     labels = [label.strip() for text in allowed or () for label in text.split(",") if label.strip()]
-    with output.Progress(manner) as progress:
+    with stages as progress:
         limits: dict[str, Any] = {
             "pins": int(pins or "") if whole else pins,
             "rate": rate,
@@ -66,7 +66,7 @@ def design(
         written = str(out)
     if as_json:
         output.print_json(found.to_json() | {"problem": written})
-    elif manner is not output.Manner.QUIET:
+    elif not quiet:
         from rich.text import Text
 
         reason = f"{found.reason[:1].upper()}{found.reason[1:]}"

@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -75,19 +74,6 @@ TimeLimit = Annotated[
     str | None, typer.Option("--time-limit", metavar="SECONDS", help="Leave out or cut off what would take longer.")
 ]
 Search = Annotated[bool, typer.Option("--search", help="Also look for starts that do not converge.")]
-
-
-class Manner(Enum):
-    """How much a command says: --quiet, nothing, --verbose."""
-
-    QUIET, NORMAL, VERBOSE = "quiet", "normal", "verbose"
-
-
-def manner_of(*, quiet: bool, verbose: bool) -> Manner:
-    """The manner that the two options ask for.  Raises: SpecError for both of them."""
-    if quiet and verbose:
-        raise SpecError("--quiet and --verbose exclude each other.", key="--quiet", cure="Leave one of them out.")
-    return Manner.QUIET if quiet else Manner.VERBOSE if verbose else Manner.NORMAL
 
 
 class NoOutput(Exception):
@@ -172,16 +158,19 @@ def show(parts: Iterable[RenderableType], *, wrapped: bool = False) -> None:
 
 class Progress:
     """Names the current stage on standard error: on a terminal as a line that changes, silent elsewhere.
-    ``Manner.VERBOSE``: every stage as a line of its own with the seconds so far, wherever standard error goes."""
+    ``verbose``: every stage as a line of its own with the seconds so far, wherever standard error goes; ``quiet``:
+    nothing.  Raises: SpecError for both."""
 
-    def __init__(self, manner: Manner = Manner.NORMAL) -> None:
-        self.manner = manner
+    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
+        if quiet and verbose:
+            raise SpecError("--quiet and --verbose exclude each other.", key="--quiet", cure="Leave one of them out.")
+        self.quiet, self.verbose = quiet, verbose
         self.moving: Bar | None = None  # where standard error is a terminal
         self.said: object = ""
         self.began = time.monotonic()
 
     def __enter__(self) -> Callable[[Any], None]:
-        if self.manner is Manner.NORMAL and sys.stderr is not None and sys.stderr.isatty():
+        if not (self.quiet or self.verbose) and sys.stderr is not None and sys.stderr.isatty():
             self.moving = Bar()
             self.moving.moving.start()
         return self.stage
@@ -190,7 +179,7 @@ class Progress:
         """Show a stage."""
         if self.moving is not None:
             self.moving(name)
-        elif self.manner is Manner.VERBOSE and name != self.said:
+        elif self.verbose and name != self.said:
             self.said = name
             complain(f"{time.monotonic() - self.began:8.1f} s  {name}")
 

@@ -39,14 +39,14 @@ def report(
     from dobc_design.report.comparison import conclusion
     from dobc_design.report.write import render_comparison, render_latex, render_report
 
-    manner = output.manner_of(quiet=quiet, verbose=verbose)
+    stages = output.Progress(quiet=quiet, verbose=verbose)
     _check_options(certificates, problem or [], out=out, pdf=pdf, latex=latex, force=force)
     try:
         named: list[str | None] = [*problem] if problem else [None] * len(certificates)
         found = [_read(path, trusted) for path, trusted in zip(certificates, named, strict=True)]
     except CertificateError as error:  # unreadable: what was handed in is wrong, not the machine
         raise typer.Exit(output.fail(output.error_bodies(error), output.MISTAKE, as_json=as_json)) from error
-    with output.Progress(manner) as progress:
+    with stages as progress:
         if len(found) == 1:
             beside = certificates[0] if certificates[0].is_dir() else certificates[0].parent
             pages, folder = render_report(found[0], pdf=pdf is not None, full=full, progress=progress), beside
@@ -71,7 +71,7 @@ def report(
     if as_json:
         problems, verdicts = [each.problem.name for each in found], [each.verdict.value for each in found]
         output.print_json({"problems": problems, "verdicts": verdicts, "files": written})
-    elif manner is not output.Manner.QUIET:
+    elif not quiet:
         first = [conclusion(*found)] if len(found) == 2 else []
         output.say("\n".join([*first, *(f"wrote {path}" for path in written)]))
 

@@ -72,8 +72,8 @@ def simulate(
         does = "makes one run after another under every stress by itself"
         message = f"{what} must be left out beside --what-breaks-first, which {does}."
         raise SpecError(message, key="--what-breaks-first", cure="Leave one of the two out.")
-    manner = output.manner_of(quiet=quiet, verbose=verbose)
-    with output.Progress(manner) as progress:
+    stages = output.Progress(quiet=quiet, verbose=verbose)
+    with stages as progress:
         problem = load_problem(file)
         moving = (NETWORK,) if single and problem.m > 1 and problem.n <= MOST_MOVING else ()
         names = ("trajectory.npz" if single else "ensemble.npz", SUMMARY, FIGURE, *moving)
@@ -117,7 +117,7 @@ def simulate(
             write_atomically(out / SUMMARY, output.json_bytes(document))
     if as_json:
         output.print_json(document)
-    elif manner is not output.Manner.QUIET:
+    elif not quiet:
         notes = [f"  Note: {note}" for note in document["notes"]]
         text = str(found) if breaking else _words(result, document)
         files = [f"wrote {path}" for path in document["files"]] or [f"Add --out FOLDER for {', '.join(names)}."]

@@ -56,14 +56,14 @@ def sweep_command(
     from dobc_design.sweeps.result import HEAD, LINES
     from dobc_design.sweeps.running import sweep
 
-    manner = output.manner_of(quiet=quiet, verbose=verbose)
+    stages = _Bar(quiet=quiet, verbose=verbose)
     output.refuse_option(out, key="--out")
     folder = output.results_folder(out, "" if out is not None else load_problem(file).name, suffix="sweep")
     command = shlex.join(["dobc", *sys.argv[1:]])
     kept = f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes on with the others:"
     say_on_ending(f"{kept}\n  {command}")
     resumed = [0]
-    with _Bar(manner) as show:
+    with stages as show:
 
         def progress(state: State) -> None:
             resumed[:] = [state.resumed]
@@ -79,7 +79,7 @@ def sweep_command(
         files.append(folder / "sweep.svg")
     if as_json:
         output.print_json(_document(result, folder, files, resumed=resumed[0]))
-    elif manner is not output.Manner.QUIET:
+    elif not quiet:
         output.say(_words(result, files, resumed=resumed[0]))
 
 
@@ -122,6 +122,6 @@ class _Bar(output.Progress):
         tenth = (state.done * 10) // state.total
         if self.moving is not None:
             self.moving(state)
-        elif self.manner is output.Manner.VERBOSE and tenth != self.said:
+        elif self.verbose and tenth != self.said:
             self.said = tenth
             output.complain(str(state))

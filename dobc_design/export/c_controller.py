@@ -14,7 +14,7 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design.certificate.claims import Claims, certified_period
-from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus
+from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus, linearisation
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
@@ -125,19 +125,8 @@ def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fracti
 def _mode_verdict(problem: Problem, mode: ModeJacobian, period: Fraction) -> Verdict:
     if not mode.is_point:
         return Verdict.UNDECIDED
-    n, m = problem.n, problem.m
-    rows = [[Fraction(int(i == j)) for j in range(n * m)] for i in range(n * m)]
-    for (listener, speaker, _), kind in zip(mode.arcs, mode.kind.tolist(), strict=True):
-        for c in range(m):
-            for d in range(m):
-                slope = mode.gains[kind][c][d].lo * period
-                rows[listener * m + c][speaker * m + d] += slope
-                rows[listener * m + c][listener * m + d] -= slope
-    for agent, gain in problem.pinning.gains.items():
-        for c in range(m):
-            for d in range(m):
-                rows[agent * m + c][agent * m + d] -= period * gain[c][d]
-    F = tuple(map(tuple, rows))
+    loop, rows = linearisation(mode, problem.pinning, problem.m), range(problem.n * problem.m)
+    F = tuple(tuple((i == j) + period * loop.get((i, j), Fraction(0)) for j in rows) for i in rows)
     if transpose(F) == F:
         return _symmetric_in_unit_disk(F)
     return _in_unit_disk(F) if len(F) <= MOST_ROWS else Verdict.UNDECIDED

@@ -1,7 +1,7 @@
 """The closed loop as python-control objects: a NonlinearIOSystem, and observer and exosystem as StateSpace.
 
-Paper: (1), (12), (13), (19).  The right-hand side is that of ``simulation.field``, the full loop, so that
-``control.input_output_response`` reproduces a simulated trajectory.
+Paper: (1), (12), (13), (19).  Couplings are those of ``simulation.field``; ``control.input_output_response``
+reproduces a simulated trajectory.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import Any
 import control
 import numpy as np
 
-from dobc_design.problem.arrays import Array, Gain, chosen_mode
+from dobc_design.problem.arrays import Array, Gain, arc_groups, chosen_mode
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.field import Field, Loop, make_field
+from dobc_design.simulation.field import Loop, Network, make_loop, network_of
 from dobc_design.simulation.signals import Fixed, Scheduled
 from dobc_design.simulation.switches import scheduled_switches
 from dobc_design.simulation.trajectory import Trajectory
@@ -57,24 +57,24 @@ def to_control(
     Raises: SpecError for an unknown mode, or if there is an exosystem and no W.
     """
     problem.require_one_exosystem()
-    names = tuple(problem.network.modes)
+    names, loop = tuple(problem.network.modes), make_loop(problem, gain)
     if signal is None or isinstance(signal, Fixed):
         wanted = signal.mode if isinstance(signal, Fixed) and mode is None else mode
-        first = make_field(problem, chosen_mode(problem, wanted), gain)
-        return _system(problem, first.loop, lambda time: first)
-    fields = [make_field(problem, name, gain) for name in names]
+        first = network_of(loop, arc_groups(problem, chosen_mode(problem, wanted)))
+        return _system(problem, loop, lambda time: first)
+    networks = [network_of(loop, arc_groups(problem, name)) for name in names]
     switches = scheduled_switches(signal, names, horizon, seed)
-    return _system(problem, fields[0].loop, lambda time: fields[int(switches.at(np.array([time]))[0])])
+    return _system(problem, loop, lambda time: networks[int(switches.at(np.array([time]))[0])])
 
 
-def _system(problem: Problem, loop: Loop, field_at: Callable[[float], Field]) -> ConsensusLoop:
-    size = loop.n * loop.m
-
+def _system(problem: Problem, loop: Loop, network_at: Callable[[float], Network]) -> ConsensusLoop:
     def update(time: float, state: Array, w: Array, params: Any) -> Array:
+        x, xi, z = loop.split(state)
+        xihat = z + loop.correction(x)
         with np.errstate(all="ignore"):  # trial steps far from the target overflow
-            derivative = field_at(max(0.0, float(time)))(time, state)
-        derivative[:size] += w
-        return derivative
+            felt = network_at(max(0.0, float(time)))((x - loop.goal).ravel()) - (xihat @ loop.C.T).ravel()
+            z_dot = xihat @ loop.F.T - loop.correction(felt.reshape(x.shape))
+        return np.concatenate([felt + (xi @ loop.C.T).ravel() + w, (xi @ loop.A.T).ravel(), z_dot.ravel()])
 
     def output(time: float, state: Array, w: Array, params: Any) -> Array:
         x, _, z = loop.split(state)

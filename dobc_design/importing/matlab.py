@@ -6,6 +6,7 @@
     name   of the problem
 
 Numbers are doubles and mean their shortest decimal text.  ``export.matrices`` writes the same names.
+SciPy's loadmat is not asked: on damaged files it ends the process by a segmentation fault.
 """
 
 from __future__ import annotations

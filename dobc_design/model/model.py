@@ -19,6 +19,7 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.coupling.expression import Expression
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
 from dobc_design.coupling.tree import Operators, evaluate, variable_names
+from dobc_design.exact.number import nearest
 from dobc_design.problem import arrays
 from dobc_design.problem.problem import Problem
 
@@ -27,10 +28,7 @@ class CasadiAlgebra(Operators):
     """Algebra (``coupling.tree.Algebra``) of CasADi expressions, element by element on vectors."""
 
     def constant(self, value: Fraction) -> Any:
-        try:
-            return ca.DM(value.numerator / value.denominator)
-        except OverflowError:  # constants are never negative
-            return ca.DM(np.inf)
+        return ca.DM(nearest(value))
 
     def pi(self) -> Any:
         return ca.DM(np.pi)
@@ -42,20 +40,20 @@ class CasadiAlgebra(Operators):
 class SympyAlgebra(Operators):
     """The same of SymPy expressions, number for number: 3.2 arrives as 16/5."""
 
-    def constant(self, value: Fraction) -> Any:
+    def __init__(self) -> None:
         import sympy  # which nothing else here needs
 
-        return sympy.Rational(value.numerator, value.denominator)
+        self.library: Any = sympy
+
+    def constant(self, value: Fraction) -> Any:
+        return self.library.Rational(value.numerator, value.denominator)
 
     def pi(self) -> Any:
-        import sympy
-
-        return sympy.pi
+        return self.library.pi
 
     def call(self, name: str, arguments: tuple[Any, ...]) -> Any:
-        import sympy
-
-        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(sympy, "sympy")(*operands))
+        found = self.library
+        return by_twos(name, arguments, lambda name, *operands: FUNCTIONS[name].found_in(found, "sympy")(*operands))
 
 
 def to_sympy(expression: Expression) -> tuple[Any, tuple[Any, ...]]:
@@ -248,18 +246,11 @@ def build_flow(
     """The flow of one mode, the first unless ``mode`` names another, with W = ``gain`` (q, m).  Raises: SpecError."""
     model = build_model(problem, mode, gain=gain)
     rows, size = model.n * model.m, model.n * (model.m + model.q)
-    state, step = ca.SX.sym("state", size), horizon / steps
-
-    def slope(at: Any) -> Any:
-        return ca.vertcat(*model.error_dynamics(at[:rows], at[rows:]))
-
-    first = slope(state)
-    second = slope(state + step / 2 * first)
-    third = slope(state + step / 2 * second)
-    fourth = slope(state + step * third)
-    one = ca.Function("step", [state], [state + step / 6 * (first + 2 * second + 2 * third + fourth)])
+    state = ca.SX.sym("state", size)
+    slope = ca.vertcat(*model.error_dynamics(state[:rows], state[rows:]))
+    runge_kutta = ca.simpleRK(ca.Function("slope", [state, ca.SX.sym("nothing", 0)], [slope]), steps)
     start, weight = ca.MX.sym("start", size), ca.MX.sym("weight", size)
-    end = one.fold(steps)(start)
+    end = runge_kutta(start, [], horizon)
     pull = [end, ca.jtimes(end, start, weight, True)]
     return Flow(
         rows=rows,

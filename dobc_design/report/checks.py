@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 from dobc_design._show.text import significant_towards_zero
@@ -17,6 +16,8 @@ from dobc_design.problem.changes import change_lines
 from dobc_design.report import document as doc
 from dobc_design.report import words
 from dobc_design.verdict import Verdict
+
+Facts = tuple[tuple[str, str], ...]
 
 CURE_COMMAND = "dobc certify problem.json --apply-fix cured.toml"
 MOST_ROWS = 150
@@ -188,18 +189,24 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
     return doc.Section("Traceability", (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table), "traceability")
 
 
-def recheck_section(certificate: Certificate, again: Reproduction) -> doc.Section:
+def recheck_section(certificate: Certificate, prints: Facts) -> doc.Section:
     """The commands that decide the certificate again and make it again, and what it was made from."""
+    claims = certificate.claims
+    versions = (
+        ("program", f"dobc_design {claims.version}"),
+        ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
+        ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
+    )
     blocks = (
         doc.Text(_BOTH_FILES),
         doc.Code((VERIFY,), command=True),
         doc.Text(_TRUSTS),
         doc.Code((ALONE,), command=True),
         doc.Text("To make the certificate again, byte for byte with the same version:"),
-        doc.Code((again.certify,), command=True),
+        doc.Code((certify_command(certificate),), command=True),
         doc.Text(doc.Own(_MADE_WITH)),
         doc.Text("Compare the problem with the one you meant. The fingerprints and versions are"),
-        doc.Facts((("problem", certificate.claims.problem_name), *again.prints, *again.versions)),
+        doc.Facts((("problem", claims.problem_name), *prints, *versions)),
     )
     return doc.Section("Check it yourself", blocks, "recheck")
 
@@ -210,46 +217,31 @@ def signatures_section() -> doc.Section:
     return doc.Section("Signatures", (doc.Text(_SIGNING), lines), "signatures")
 
 
-@dataclass(frozen=True, slots=True)
-class Reproduction:
-    """What somebody needs to make a certificate again: fingerprints, versions, the command."""
-
-    prints: tuple[tuple[str, str], ...]
-    versions: tuple[tuple[str, str], ...]
-    certify: str
-
-
-def reproduction(certificate: Certificate) -> Reproduction:
-    """How to make the same certificate again."""
-    claims = certificate.claims
-    data = certificate_text.certificate_bytes(claims)
-    prints = (
-        ("SHA-256 of problem.json", claims.problem_sha256),
+def fingerprints(certificate: Certificate) -> Facts:
+    """Of the problem and of the certificate, as files."""
+    data = certificate_text.certificate_bytes(certificate.claims)
+    return (
+        ("SHA-256 of problem.json", certificate.claims.problem_sha256),
         ("SHA-256 of certificate.json", hashlib.sha256(data).hexdigest()),
     )
-    versions = (
-        ("program", f"dobc_design {claims.version}"),
-        ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
-        ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
-    )
-    return Reproduction(prints, versions, _certify_command(claims.options, certificate.checks))
 
 
-def _certify_command(options: Sequence[str], checks: Sequence[Check]) -> str:
+def certify_command(certificate: Certificate) -> str:
     """The command that decides the same conditions: options that are known here, and the settling time proved."""
+    options = certificate.claims.options
     asked = [option.removeprefix(SETTLING) for option in options if option.startswith(SETTLING)]
     proved = [
         str((check.exact or {}).get("tolerance"))
-        for check in checks
+        for check in certificate.checks
         if check.id == "settling" and check.verdict is Verdict.PROVED and "--all" not in options
     ]
     tolerances = [number for number in map(words.rational, (*asked, *proved)) if number is not None]
-    known = [option for option in SWITCHES if option in options]
+    known: list[str] = [option for option in SWITCHES if option in options]
     known += [x for x in options if x.startswith(TIMED) and words.rational(x.removeprefix(TIMED)) is not None][:1]
     return " ".join(["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"])
 
 
-def title_block(again: Reproduction) -> tuple[tuple[str, str], ...]:
+def title_block(certificate: Certificate, prints: Facts) -> Facts:
     """What identifies a signed report, on its first page."""
-    (_, program), (_, file_format), _ = again.versions
-    return (*again.prints, ("Decided by", f"{program}, {file_format}"))
+    file_format = f"{certificate_text.FORMAT} {certificate_text.VERSION}"
+    return (*prints, ("Decided by", f"dobc_design {certificate.claims.version}, {file_format}"))

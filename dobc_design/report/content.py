@@ -82,10 +82,10 @@ def report_document(
     """The document.  ``analysis`` and ``trajectory`` are shown where they are given.  ``lambdas``: mode -> Lambda(J) at
     the consensus, printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time;
     ``searches`` for counterexamples."""
-    problem, again, verdict = certificate.problem, checks.reproduction(certificate), certificate.verdict
+    problem, prints, verdict = certificate.problem, checks.fingerprints(certificate), certificate.verdict
     mark, proved = words.mark_of(verdict), verdict is Verdict.PROVED
     facts = [(name, told) for name, told in words.facts(certificate).items() if proved or told != "–"]
-    identity = checks.title_block(again)
+    identity = checks.title_block(certificate, prints)
     verdicts = doc.Terms([(words.mark_of(each), "", words.MEANINGS[each]) for each in Verdict])
     return doc.Document(
         kind="Certificate of consensus",
@@ -98,8 +98,7 @@ def report_document(
             facts=facts,
         ),
         identity=identity,
-        footer=f"{words.shortened(problem.name, LONGEST_NAME)}: {verdict.value}"
-        f" · certificate {again.prints[1][1][:16]}…",
+        footer=f"{words.shortened(problem.name, LONGEST_NAME)}: {verdict.value} · certificate {prints[1][1][:16]}…",
         blocks=(
             doc.in_markdown(doc.Facts((*identity, *facts))),
             _meaning(certificate),
@@ -119,7 +118,7 @@ def report_document(
             *_eigenvalues(certificate, analysis),
             *_simulation(certificate, trajectory),
             checks.trace_section(certificate.checks),
-            checks.recheck_section(certificate, again),
+            checks.recheck_section(certificate, prints),
             doc.Section("Words", (verdicts, doc.on_pages(doc.Terms(_WORDS))), "glossary"),
             checks.signatures_section(),
         ),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -28,9 +28,6 @@ from dobc_design.simulation.runs import run_once
 from dobc_design.simulation.setting import Failure, Given, Stress, make_setting
 from dobc_design.simulation.signals import Signal, signal_of
 from dobc_design.simulation.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    pass
 
 Late = Callable[[Stress], float]
 UNITS = {

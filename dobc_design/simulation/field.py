@@ -1,8 +1,7 @@
-"""The right-hand sides of the closed loop in NumPy: the full loop as printed, its errors alone, and h(e) of (9).
+"""The right-hand sides of the closed loop in NumPy: h(e) - K e of (9), arc by arc or for all at once; C exp(F t).
 
-``Field`` is the same loop as ``model.model``'s ``closed_loop``, written a second time on purpose: tests hold the two
-together.  h(e) is fast enough for a million agents and for thousands of runs, which are columns of the same arrays:
-arcs are worked through in blocks that fit into the processor's cache, slot by slot.
+h(e) is fast enough for a million agents and for thousands of runs, which are columns of the same arrays: arcs are
+worked through in blocks that fit into the processor's cache, slot by slot.
 """
 
 from __future__ import annotations
@@ -64,30 +63,6 @@ class _Block:
         if not isinstance(self.factor, np.ndarray) and self.factor != 1:
             found *= self.factor
         total[self.rows] += found
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Graph:
-    """The couplings of one graph as a function of the errors of n agents with m components."""
-
-    n: int
-    m: int
-    blocks: tuple[_Block, ...]
-
-    def __call__(self, e: Array) -> Array:
-        """h(e) of (9), in a new array.  Shapes: e (n m,) or (n m, R) with one column for each of R runs; rows agent by
-        agent."""
-        rows = np.ascontiguousarray(e).reshape((self.n, -1) if e.size > self.n else (self.n,))
-        total = np.zeros_like(rows)
-        for block in self.blocks:
-            block.add(total, rows, self.m)
-        return total.reshape(e.shape)
-
-
-def graph_of(groups: Sequence[ArcGroup], *, n: int, m: int, runs: int = 1) -> Graph:
-    """Prepare arcs that are grouped by coupling."""
-    size = max(1, BLOCK // (m * runs))
-    return Graph(n=n, m=m, blocks=tuple(block for group in groups for block in _blocks(group, size)))
 
 
 def _blocks(group: ArcGroup, size: int) -> Iterator[_Block]:
@@ -257,58 +232,31 @@ def make_loop(problem: Problem, gain: Gain | None) -> Loop:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Field:
-    """The full closed loop of one graph as a function of time and state."""
-
-    loop: Loop
-    graph: Graph
-    groups: Sequence[ArcGroup]
-
-    def __call__(self, time: float, state: Array) -> Array:
-        """Return the derivative of the state; not finite where a coupling overflows or is undefined."""
-        loop = self.loop
-        x, xi, z = loop.split(state)
-        e = x - loop.goal
-        xihat = z + loop.correction(x)
-        felt = self.graph(e.ravel()).reshape(e.shape) + loop.control(e, xihat @ loop.C.T)
-        z_dot = xihat @ loop.F.T - loop.correction(felt)
-        return np.concatenate([(felt + xi @ loop.C.T).ravel(), (xi @ loop.A.T).ravel(), z_dot.ravel()])
-
-    def pattern(self) -> sp.csr_array:
-        return full_pattern(self.loop, self.groups)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Network:
-    """h(e) - K e of one graph, e (n m,) or (n m, R): e' of (22) without the observer's error."""
+    """h(e) - K e of one graph: e' of (22) without the observer's error."""
 
     loop: Loop
-    graph: Graph
     groups: Sequence[ArcGroup]
+    blocks: tuple[_Block, ...]
 
     def __call__(self, e: Array) -> Array:
-        """Return h(e) - K e; not finite where a coupling overflows or is undefined."""
-        result = self.graph(e)
+        """Return h(e) - K e in a new array; not finite where a coupling overflows or is undefined.  Shapes: e (n m,) or
+        (n m, R) with one column for each of R runs; rows agent by agent."""
+        n = self.loop.n
+        rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
+        total = np.zeros_like(rows)
+        for block in self.blocks:
+            block.add(total, rows, self.loop.m)
+        result = total.reshape(e.shape)
         result -= self.loop.K @ e
         return result
-
-    def pattern(self) -> sp.csr_array:
-        return _block(hears(self.groups, self.loop.n), self.loop.m, self.loop.m)
-
-
-def make_field(problem: Problem, mode: str, gain: Gain | None) -> Field:
-    """Build the right-hand side of the full loop in one mode."""
-    return field_of(make_loop(problem, gain), arrays.arc_groups(problem, mode))
-
-
-def field_of(loop: Loop, groups: Sequence[ArcGroup]) -> Field:
-    """The full loop on arcs that are grouped by coupling."""
-    return Field(loop=loop, graph=graph_of(groups, n=loop.n, m=loop.m), groups=groups)
 
 
 def network_of(loop: Loop, groups: Sequence[ArcGroup], *, runs: int = 1) -> Network:
     """h(e) - K e on arcs that are grouped by coupling."""
-    return Network(loop=loop, graph=graph_of(groups, n=loop.n, m=loop.m, runs=runs), groups=groups)
+    size = max(1, BLOCK // (loop.m * runs))
+    blocks = tuple(block for group in groups for block in _blocks(group, size))
+    return Network(loop=loop, groups=groups, blocks=blocks)
 
 
 def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
@@ -320,11 +268,11 @@ def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
     return sp.block_array(rows, format="csr")
 
 
-def errors_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
-    """Who may influence whom in [e; eps]."""
-    own = sp.eye_array(loop.n, format="csr")
-    e_dot = [_block(hears(groups, loop.n), loop.m, loop.m), _block(own, loop.m, loop.q)]
-    return sp.block_array([e_dot, [None, _block(own, loop.q, loop.q)]], format="csr")
+def errors_pattern(loop: Loop, groups: Sequence[ArcGroup], *, both: bool) -> sp.csr_array:
+    """Who may influence whom in e, or in ``both`` [e; eps]."""
+    own, alone = sp.eye_array(loop.n, format="csr"), _block(hears(groups, loop.n), loop.m, loop.m)
+    rows = [[alone, _block(own, loop.m, loop.q)], [None, _block(own, loop.q, loop.q)]]
+    return sp.block_array(rows, format="csr") if both else alone
 
 
 def _block(graph: sp.csr_array, rows: int, columns: int) -> sp.csr_array:

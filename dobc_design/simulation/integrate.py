@@ -17,7 +17,7 @@ from scipy.integrate import DOP853, Radau
 
 from dobc_design.errors import wrong
 from dobc_design.problem.arrays import ArcGroup, Array
-from dobc_design.simulation.field import ClosedForm, Loop, errors_pattern, field_of, network_of
+from dobc_design.simulation.field import ClosedForm, Loop, errors_pattern, network_of
 from dobc_design.simulation.switches import LOOKS, Modes, Stay
 
 Derivative = Callable[[float, Array], Array]
@@ -49,55 +49,29 @@ class Plan(NamedTuple):
         return float(np.abs(self.positions(state) - self.goal).max())
 
 
-def errors_alone(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array) -> Plan:
-    """State e, flat (n m,); the observer's error is known in closed form (22)."""
-    shape = (loop.n, loop.m)
+def errors(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array, F: Array) -> Plan:
+    """State e, flat (n m,), where the observer's error is known in closed form (22); else [e; eps], eps' = F eps (17).
+    Both may die out, while xi and z go on; nor is eps lost in the difference of two states that grow."""
+    shape, cut, both = (loop.n, loop.m), loop.n * loop.m, loop.q > 0 and closed is None
 
-    def right_hand_side(mode: int) -> tuple[Derivative, Pattern]:
-        network = network_of(loop, modes.groups(mode))
+    def positions(state: Array) -> Array:
+        return np.asarray(state[:cut].reshape(shape) + loop.goal)
 
-        def derivative(time: float, e: Array) -> Array:
-            result = network(e)
-            if closed is not None:
-                result.reshape(shape)[...] += eps0 @ closed.at(time).T
-            return result
-
-        return derivative, network.pattern
-
-    return _by_mode(loop, modes, right_hand_side, lambda state: state.reshape(shape) + loop.goal)
-
-
-def both_errors(loop: Loop, modes: Modes, F: Array) -> Plan:
-    """State [e; eps], where the observer's error has no closed form: eps' = F eps (17).  Both may die out, while xi and
-    z go on; nor is eps lost in the difference of two states that grow."""
-    cut = loop.n * loop.m
-
-    def right_hand_side(mode: int) -> tuple[Derivative, Pattern]:
+    @cache
+    def made(mode: int) -> tuple[Derivative, Pattern]:
         groups = modes.groups(mode)
         network = network_of(loop, groups)
 
         def derivative(time: float, state: Array) -> Array:
+            result = network(state[:cut])
+            if closed is not None:
+                result.reshape(shape)[...] += eps0 @ closed.at(time).T
+            if not both:
+                return result
             eps = state[cut:].reshape(loop.n, loop.q)
-            return np.concatenate([network(state[:cut]) + (eps @ loop.C.T).ravel(), (eps @ F.T).ravel()])
+            return np.concatenate([result + (eps @ loop.C.T).ravel(), (eps @ F.T).ravel()])
 
-        return derivative, partial(errors_pattern, loop, groups)
-
-    return _by_mode(loop, modes, right_hand_side, lambda state: state[:cut].reshape(loop.n, loop.m) + loop.goal)
-
-
-def full_loop(loop: Loop, modes: Modes) -> Plan:
-    """State [x; xi; z]: the loop as printed, the reference."""
-    made = cache(lambda mode: field_of(loop, modes.groups(mode)))
-    return _by_mode(loop, modes, lambda mode: (made(mode), made(mode).pattern), lambda state: loop.split(state)[0])
-
-
-def _by_mode(
-    loop: Loop,
-    modes: Modes,
-    right_hand_side: Callable[[int], tuple[Derivative, Pattern]],
-    positions: Callable[[Array], Array],
-) -> Plan:
-    made = cache(right_hand_side)
+        return derivative, partial(errors_pattern, loop, groups, both=both)
 
     def segment(time: float, state: Array) -> Piece:
         stay = modes.stay(time, positions(state))
@@ -136,7 +110,7 @@ class Integration:
         self.farthest = FARTHEST * self.risen
         self.step: float | None = None
         self.evaluations, self.steps, self.looked = 0, 0, 0.0
-        self.notes: list[str] = []
+        self.notes = ["The loop is stiff: integrated by the implicit method Radau."] * implicit
         self.methods = ["Radau" if implicit else "DOP853"]
         self.rise: list[tuple[float, Array]] = []  # steps since the last sample, each with a larger error
 

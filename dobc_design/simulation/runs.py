@@ -225,13 +225,13 @@ def run_once(setting: Setting, *, seed: int | None = None, progress: Progress | 
         else:
             drawn = settings.switches_for(setting, seed)
             modes = Planned(drawn, partial(settings.groups_for, setting, drawn), setting.horizon)
-        if stress is None:
+        if not setting.is_full:
             run, parts = _calm(setting, start, modes, progress)
         else:
             moving = isinstance(modes, Nearby)
             graphs: dict[str, Any] = {"nearby": modes} if moving else {"switches": [modes.switches]}
             runs = StressedRuns(setting=setting, groups=modes.groups, starts=[start], seeds=[seed], **graphs)
-            sampled = stress.period is not None
+            sampled = stress is not None and stress.period is not None
             run, parts = run_sampled_alone(runs, progress) if sampled else run_alone(runs, modes, progress)
     switches = modes.switches
     if run.reason:  # those up to where the run ended
@@ -261,32 +261,19 @@ def _facts(setting: Setting) -> dict[str, Any]:
 
 
 def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progress | None) -> integrate.Outcome:
-    """A run without stress: e with eps in closed form, else both of them, or the full loop."""
-    loop, full, eps0 = setting.loop, setting.observer == "full-loop", start.xi - start.xihat
-    closed, off = None if full else settings.closed_form_of(setting), setting.observer == "off"
-    along = loop.q > 0 and closed is None and not full
-    e0, F = (start.x - loop.goal).ravel(), loop.A if off else loop.F
-    if full:
-        z = start.xihat - loop.correction(start.x)
-        plan, flat = integrate.full_loop(loop, modes), np.concatenate([start.x.ravel(), start.xi.ravel(), z.ravel()])
-    elif along:
-        plan, flat = integrate.both_errors(loop, modes, F), np.concatenate([e0, eps0.ravel()])
-    else:
-        plan, flat = integrate.errors_alone(loop, modes, closed, eps0), e0
-    implicit, tolerance = settings.is_stiff(setting, closed=not (full or along)), setting.tolerance
+    """A run without stress: e with eps in closed form, else both of them."""
+    loop, off, eps0 = setting.loop, setting.observer == "off", start.xi - start.xihat
+    closed, e0, F = settings.closed_form_of(setting), (start.x - loop.goal).ravel(), loop.A if off else loop.F
+    along = loop.q > 0 and closed is None
+    plan, flat = integrate.errors(loop, modes, closed, eps0, F), np.concatenate([e0, eps0.ravel()]) if along else e0
+    implicit, tolerance = settings.is_stiff(setting, closed=not along), setting.tolerance
     run = integrate.Integration(
         plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress
     ).run()
-    if full:
-        x, xi, z = (part.copy() for part in loop.split(run.states))
-        xihat = z + loop.correction(x)
-    else:
-        x = run.states[:, : len(e0)].reshape(-1, loop.n, loop.m) + loop.goal
-        xi = evolve(loop.A, start.xi, run.times)
-        eps = run.states[:, len(e0) :].reshape(xi.shape) if along else evolve(F, eps0, run.times)
-        xihat = np.zeros_like(xi) if off else xi - eps
-    if run.method.startswith("Radau"):
-        run.notes.append("The loop is stiff: integrated by the implicit method Radau.")
+    x = run.states[:, : len(e0)].reshape(-1, loop.n, loop.m) + loop.goal
+    xi = evolve(loop.A, start.xi, run.times)
+    eps = run.states[:, len(e0) :].reshape(xi.shape) if along else evolve(F, eps0, run.times)
+    xihat = np.zeros_like(xi) if off else xi - eps
     if along:
         run.notes.append("The observer is too fast for its closed form: its error was integrated as well.")
     dhat = xihat @ loop.C.T
@@ -321,7 +308,7 @@ class _Collector:
         setting, stress = self.setting, self.setting.stress
         notes = [*setting.notes, *([] if stress is None else [f"Stress: {stress}."])]
         self.report(0.0)
-        closed = settings.closed_form_of(setting) if stress is None and setting.observer != "full-loop" else None
+        closed = None if setting.is_full else settings.closed_form_of(setting)
         reason = self.reason_for_single_runs(closed)
         if reason:
             notes.append(f"The runs were made one by one, because {reason}.")
@@ -357,18 +344,16 @@ class _Collector:
             return "every run has graphs of its own"
         if stress is not None and stress.period is not None:
             return ""
-        if stress is None and setting.observer == "full-loop":
-            return "the full loop was asked for"
-        if stress is None and setting.loop.q and closed is None:
+        if setting.loop.q and closed is None and not setting.is_full:
             return "the observer is too fast for its closed form"
-        return "the loop is stiff" if settings.is_stiff(setting, closed=stress is None) else ""
+        return "the loop is stiff" if settings.is_stiff(setting, closed=not setting.is_full) else ""
 
     def chunks(self, closed: ClosedForm | None) -> None:
         """Runs side by side, a bounded number at a time; a given motion gives all of them the same switches."""
         setting, loop, stress = self.setting, self.setting.loop, self.setting.stress
         shared = settings.switches_for(setting, setting.seed)
         groups, room = partial(settings.groups_for, setting, shared), COLUMN_NUMBERS // (loop.n * loop.m)
-        if stress is not None:
+        if setting.is_full:
             arcs = sum(each.shape[1] for each in shared.graphs) or sum(map(len, setting.problem.network.modes.values()))
             room = min(room, 8 * COLUMN_NUMBERS // (max(1, arcs) * loop.m))
         size = max(1, min(self.runs, room))
@@ -386,10 +371,10 @@ class _Collector:
             def part(done: float, chosen: IndexArray = chosen) -> None:
                 self.report((int(chosen[0]) + done * len(chosen)) / self.runs)
 
-            if stress is None:
+            if not setting.is_full:
                 ended, reasons = self.calm(chosen, runs, closed, networks)
                 part(1.0)
-            elif stress.period is None:
+            elif stress is None or stress.period is None:
                 ends = run_stressed(runs, visit=partial(self.put, chosen), progress=part)
                 ended, reasons = ends.times, ends.reasons()
             else:

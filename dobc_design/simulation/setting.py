@@ -335,6 +335,11 @@ class Setting:
     stress: Stress | None
     notes: tuple[str, ...]
 
+    @property
+    def is_full(self) -> bool:
+        """Whether the full loop is integrated, as printed: asked for, or needed under a stress."""
+        return self.stress is not None or self.observer == "full-loop"
+
 
 def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options]) -> Setting:
     """Check the arguments of ``simulate``.  Raises: SpecError."""

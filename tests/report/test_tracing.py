@@ -13,7 +13,7 @@ import dobc_design
 from dobc_design.checker.examine import OF_GROUPS, REGIONAL
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.report.checks import ALONE, VERIFY, reproduction, trace_section
+from dobc_design.report.checks import ALONE, VERIFY, certify_command, fingerprints, trace_section
 from dobc_design.report.document import Name
 from dobc_design.verdict import Verdict
 
@@ -47,7 +47,7 @@ def test_a_condition_has_one_row(certificate):
 
 def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp_path: Path):
     path, _ = certificate.save(tmp_path)
-    assert dict(reproduction(certificate).prints) == {
+    assert dict(fingerprints(certificate)) == {
         "SHA-256 of problem.json": certificate.claims.problem_sha256,
         "SHA-256 of certificate.json": hashlib.sha256(path.read_bytes()).hexdigest(),
     }
@@ -63,7 +63,7 @@ def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp
 )
 def test_the_command_asks_for_the_settling_time_that_is_proved(certificate_of, exact, verdict, command: str):
     check = Check(id="settling", verdict=verdict, domain="global", reason="r", claim=Values(exact))
-    assert reproduction(certificate_of(checks=(check,))).certify == command
+    assert certify_command(certificate_of(checks=(check,))) == command
 
 
 @pytest.mark.parametrize(
@@ -80,15 +80,14 @@ def test_the_command_has_the_options_of_the_certificate_that_are_known(certifica
         id="settling", verdict=Verdict.PROVED, domain="global", reason="r", claim=Values({"tolerance": "1/7"})
     )
     certificate = certificate_of(checks=() if "--search" in options else (proved,), options=options)
-    assert reproduction(certificate).certify == command
+    assert certify_command(certificate) == command
 
 
 def test_both_reports_have_the_table_the_commands_and_lines_to_sign(certificate):
-    again = reproduction(certificate)
     for text in (html_report(certificate), markdown_report(certificate)):
         for words in ("Traceability", "Signatures", "Prepared by", "Checked by", "Approved by", "Signature"):
             assert words in text
-        for words in (again.certify, VERIFY, ALONE, *(sha for _, sha in again.prints)):
+        for words in (certify_command(certificate), VERIFY, ALONE, *dict(fingerprints(certificate)).values()):
             assert words in text
         plain = text.replace("\\", "").replace("<wbr>", "")
         for _, _, _, source, modules, *_ in rows_of(certificate.checks):

@@ -108,15 +108,21 @@ def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch):
         assert np.array_equal(many.error[k], simulate(problem, signal=signal, seed=k, t_final=3.0).error())
 
 
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [({"observer": "full-loop"}, "the full loop was asked for"), ({"gain": [[2e6], [1]]}, "too fast for its closed")],
-)
-def test_what_cannot_be_stacked_is_made_one_by_one_and_said(arguments, reason: str):
-    problem = load_problem("paper-fixed")
-    many = simulate_many(problem, runs=2, t_final=0.5, samples=5, **arguments)
-    assert reason in many.notes[0]
-    assert many.error[1].tolist() == simulate(problem, seed=1, t_final=0.5, samples=5, **arguments).error().tolist()
+def test_full_loops_run_side_by_side():
+    given = {"t_final": 2.0, "samples": 5, "observer": "full-loop", "tolerance": 1e-11}
+    many = simulate_many(load_problem("paper-switching"), runs=3, **given)
+    assert (many.notes, many.method) == ((), "DOP853, side by side")
+    for k in range(3):
+        alone = simulate(load_problem("paper-switching"), seed=k, **given)
+        np.testing.assert_allclose(many.error[k], alone.error(), atol=1e-9)
+        np.testing.assert_allclose(many.estimation_error[k], alone.estimation_error(), atol=1e-9)
+
+
+def test_what_cannot_be_stacked_is_made_one_by_one_and_said():
+    problem, given = load_problem("paper-fixed"), {"t_final": 0.5, "samples": 5, "gain": [[2e6], [1]]}
+    many = simulate_many(problem, runs=2, **given)
+    assert "too fast for its closed" in many.notes[0]
+    assert many.error[1].tolist() == simulate(problem, seed=1, **given).error().tolist()
     stiff = simulate_many(ring("y", 6, gains=10**6), runs=1, t_final=1.0)
     assert ("the loop is stiff" in stiff.notes[0], stiff.method) == (True, "Radau")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import partial
 
 import casadi as ca
 import mpmath
@@ -13,6 +14,8 @@ from dobc_design import Exosystem, Network, Observer, Problem, build_model, load
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.problem.arrays import arc_groups
 from dobc_design.simulation import field as fields
+from dobc_design.simulation.setting import groups_for, make_setting, switches_for
+from dobc_design.simulation.stressed import ALONE, Loops, StressedRuns
 
 
 def mixed() -> Problem:
@@ -39,23 +42,28 @@ IDS = ["mixed", "without disturbance", "paper-fixed"]
 
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=IDS)
-def test_the_field_is_the_symbolic_closed_loop(problem: Problem):
-    field = fields.make_field(problem, next(iter(problem.network.modes)), None)
-    model = build_model(problem)
+def test_the_full_loop_is_the_symbolic_closed_loop(problem: Problem):
+    setting = make_setting(problem, gain=None, mode=next(iter(problem.network.modes)))
+    switches, starts = switches_for(setting, 0), [setting.starts.draw(0)]
+    groups = partial(groups_for, setting, switches)
+    runs = StressedRuns(setting=setting, groups=groups, starts=starts, seeds=[0], switches=[switches])
+    derivative, model = Loops(runs, 1.0).part(0, ALONE), build_model(problem)
     rng = np.random.default_rng(0)
     for _ in range(5):
         state = rng.normal(size=problem.n * (problem.m + 2 * problem.q))
-        wanted = np.asarray(ca.vertcat(*model.closed_loop(*[part.ravel() for part in field.loop.split(state)]))).ravel()
-        np.testing.assert_allclose(field(0.0, state), wanted, rtol=1e-12, atol=1e-11)
+        parts = [part.ravel() for part in setting.loop.split(state)]
+        wanted = np.asarray(ca.vertcat(*model.closed_loop(*parts))).ravel()
+        found = derivative(state[:, None], np.zeros((0, 1)))[:, 0]
+        np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-11)
 
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=IDS)
 def test_the_pattern_covers_the_jacobian_of_the_closed_loop(problem: Problem):
-    field = fields.make_field(problem, next(iter(problem.network.modes)), None)
+    groups = arc_groups(problem, next(iter(problem.network.modes)))
     symbols = [ca.SX.sym("s", problem.n * width) for width in (problem.m, problem.q, problem.q)]
     closed_loop = ca.vertcat(*build_model(problem).closed_loop(*symbols))
     rows, columns = ca.jacobian(closed_loop, ca.vertcat(*symbols)).sparsity().get_triplet()
-    pattern = field.pattern().toarray() != 0
+    pattern = fields.full_pattern(fields.make_loop(problem, None), groups).toarray() != 0
     assert pattern.shape == (closed_loop.numel(),) * 2
     assert pattern[rows, columns].all()
 
@@ -111,8 +119,9 @@ def by_hand(problem: Problem, e):
     return total
 
 
-def graph(problem: Problem, runs: int = 1) -> fields.Graph:
-    return fields.graph_of(arc_groups(problem, "G"), n=problem.n, m=problem.m, runs=runs)
+def graph(problem: Problem, runs: int = 1) -> fields.Network:
+    """Without pins, so that h(e) - K e is h(e)."""
+    return fields.network_of(fields.make_loop(problem, None), arc_groups(problem, "G"), runs=runs)
 
 
 @pytest.mark.parametrize(("n", "arcs", "m"), [(5, 4, 1), (40, 200, 1), (30, 100, 2)])

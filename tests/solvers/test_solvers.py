@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from dense import build_dense, solve_dense
 from reduced import reduced_program, solve_reduced
 from scipy import sparse
 
@@ -17,7 +18,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import build_dense, smat, solve_dense, solve_directly, svec, svec_exact, symmetric_basis
+from dobc_design.solvers.conic import smat, solve_directly, svec, svec_exact, symmetric_basis
 from dobc_design.solvers.program import Program, Solution, assemble, round_matrix
 from dobc_design.verdict import Verdict
 

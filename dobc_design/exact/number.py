@@ -100,7 +100,33 @@ def number_text(value: Fraction) -> str:
     is a decimal, the decimal is returned ("1e-300"); reading the text always gives the number back."""
     quotient = quotient_text(value)
     long = max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS
-    return quotient if long or len(quotient) <= MAX_CHARACTERS else _decimal_text(value) or quotient
+    parts = None if long or len(quotient) <= MAX_CHARACTERS else decimal_parts(abs(value))
+    return quotient if parts is None else f"{'-' if value < 0 else ''}{with_exponent(*parts)}"
+
+
+def decimal_parts(value: Fraction) -> tuple[str, int] | None:
+    """Return digits and exponent with value = digits 10^exponent >= 0, no 0 at the end; None if it is no decimal."""
+    places = MAX_CHARACTERS + MAX_EXPONENT  # no text gives more
+    scaled = value * 10**places
+    if scaled.denominator != 1:
+        return None
+    whole = str(scaled.numerator)
+    digits = whole.rstrip("0")
+    return (digits, len(whole) - len(digits) - places) if digits else ("0", 0)
+
+
+def without_exponent(digits: str, exponent: int) -> str:
+    """Return the number digits 10^exponent in plain digits."""
+    if exponent >= 0:
+        return digits + "0" * exponent
+    digits = digits.zfill(1 - exponent)
+    return f"{digits[:exponent]}.{digits[exponent:]}"
+
+
+def with_exponent(digits: str, exponent: int) -> str:
+    """Return the same with an exponent that parse_number takes."""
+    limited = max(-MAX_EXPONENT, min(MAX_EXPONENT, exponent))
+    return f"{without_exponent(digits, exponent - limited)}e{limited}"
 
 
 def quotient_text(value: Fraction) -> str:
@@ -184,20 +210,3 @@ def _refusal(key: str, value: object, must: str, shown: str | None = None) -> Sp
             shown = type(value).__name__
     shown = shown if len(shown) <= 60 else shown[:57] + "..."
     return wrong(key, f"{must}; got {shown}.")
-
-
-def _decimal_text(value: Fraction) -> str | None:
-    """Return the value with an exponent that parse_number takes, or None if it is no decimal."""
-    places = MAX_CHARACTERS + MAX_EXPONENT  # no text gives more
-    scaled = abs(value) * 10**places
-    if scaled.denominator != 1:
-        return None
-    digits = str(scaled.numerator).rstrip("0")
-    exponent = len(str(scaled.numerator)) - len(digits) - places
-    if exponent > MAX_EXPONENT:
-        digits, exponent = digits + "0" * (exponent - MAX_EXPONENT), MAX_EXPONENT
-    if exponent < -MAX_EXPONENT:
-        places = -MAX_EXPONENT - exponent
-        digits = digits.zfill(places + 1)
-        digits, exponent = f"{digits[:-places]}.{digits[-places:]}", -MAX_EXPONENT
-    return f"{'-' if value < 0 else ''}{digits}e{exponent}"

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -80,11 +81,11 @@ def parse_number(value: object, *, key: str) -> Fraction:
         return Fraction(int(value))
     if isinstance(value, float):
         # float.__repr__ also for subclasses, whose own repr may be anything.
-        return _of_text(float.__repr__(value), value, key)
+        return read_text(float.__repr__(value), key=key, given=value)
     if isinstance(value, np.floating):
-        return _of_text(np.format_float_scientific(value, trim="-"), value, key)
+        return read_text(np.format_float_scientific(value, trim="-"), key=key, given=value)
     if isinstance(value, (str, Decimal)):
-        return _of_text(str(value), value, key)
+        return read_text(str(value), key=key, given=value)
     raise _refusal(key, value, f"must be {_EXAMPLES}")
 
 
@@ -185,21 +186,34 @@ def common_denominator(values: Iterable[Fraction], *, bits: int, start: int = 1)
     return common
 
 
-def _of_text(text: str, value: object, key: str) -> Fraction:
-    if len(text) > MAX_CHARACTERS:
-        raise _refusal(key, value, f"must have at most {MAX_CHARACTERS} characters")
+def read_text(text: str, *, key: str, longest: int = MAX_CHARACTERS, given: object = None) -> Fraction:
+    """Return the number of a text as ``parse_number`` takes it, of at most ``longest`` characters.  Raises: SpecError
+    for any other text; it shows what was ``given``, which need not be text."""
+    refusal = partial(_refusal, key, text if given is None else given)
+    if len(text) > longest:
+        raise refusal(f"must have at most {longest} characters")
     quotient = _QUOTIENT.fullmatch(text)
     if quotient:
-        if int(quotient[2]) == 0:
-            raise _refusal(key, value, "must have a denominator other than 0")
-        return Fraction(int(quotient[1]), int(quotient[2]))
+        denominator = _integer(quotient[2])
+        if not denominator:
+            raise refusal("must have a denominator other than 0")
+        return Fraction(_integer(quotient[1]), denominator)
     decimal = _DECIMAL.fullmatch(text)
     if not decimal:
-        raise _refusal(key, value, f"must be {_EXAMPLES}")
-    sign, whole, part, exponent = decimal[1], decimal[2], decimal[3] or "", int(decimal[4] or "0")
+        raise refusal(f"must be {_EXAMPLES}")
+    sign, whole, part, exponent = decimal[1], decimal[2], decimal[3] or "", _integer(decimal[4] or "0")
     if abs(exponent) > MAX_EXPONENT:
-        raise _refusal(key, value, f"must have an exponent from -{MAX_EXPONENT} to {MAX_EXPONENT}")
-    return Fraction(int(sign + whole + part)) * Fraction(10) ** (exponent - len(part))
+        raise refusal(f"must have an exponent from -{MAX_EXPONENT} to {MAX_EXPONENT}")
+    return Fraction(_integer(sign + whole + part)) * Fraction(10) ** (exponent - len(part))
+
+
+def _integer(digits: str) -> int:
+    """An integer of any length: Python itself refuses to read more than 4300 digits at once."""
+    if len(digits) <= MAX_CHARACTERS:
+        return int(digits)
+    from flint import fmpz
+
+    return int(fmpz(digits.removeprefix("+")))
 
 
 def _refusal(key: str, value: object, must: str, shown: str | None = None) -> SpecError:

@@ -1,7 +1,7 @@
 """Proposals for staging: quadratic certificates, and which certificates at which levels in which order (section 5).
 
-A table of vectors v at falling levels and the quadratic certificates there make a graph: from level L of one to the
-level at which the next can take over costs ln(ratio)/rate.  The shortest way through it is the plan.
+A table of vectors v at falling levels makes a graph: from level L of one to the level at which the next can take over
+costs ln(ratio)/rate.  The shortest way through it is the plan; where quadratic stages take over, ``stage`` tries out.
 
 Quadratic stages have about the largest rate for a few radii; the stage before keeps the couplings within these.
 Floating point; nothing here is a proof, but quadratic stages have been accepted by ``holds``, which decides exactly.
@@ -9,7 +9,6 @@ Floating point; nothing here is a proof, but quadratic stages have been accepted
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -31,7 +30,6 @@ from dobc_design.solvers.program import Array
 # (agents, levels of the graph, levels at which v is sought, parts of the largest rate there)
 SIZES: Final = ((60, 32, 8, (1.0, 0.97, 0.9, 0.75, 0.5)), (2000, 16, 4, (1.0, 0.9, 0.75)), (100_000, 8, 2, (1.0,)))
 LOWEST: Final = 1 / 500  # of the first level; couplings are nearly linear long before
-MOST_QUADRATICS: Final = 6
 DECIMALS, BITS = 10**4, 2**20  # of v; binary for large networks
 PENALTY: Final = 0.003  # of the time of the first stage alone, for every further one: short chains are worth that
 ABOVE: Final = 1e-7  # of numbers that have to be above a matrix, for rounding
@@ -41,16 +39,6 @@ MOST_ROWS: Final = 24
 MOST_BLOCK: Final = 90
 OBSERVER: Final = 0.7  # of the decay rate of A - WC, for the observer's pair
 _Steps = dict[tuple[int, int], tuple[int, int]]  # from where each (level, vector) is reached
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StagePlan:
-    """Stages in order, max-separable then quadratic, and the settling time (s) that floating point sees.
-    ``separable``: v and the level rho down from which it is to hold."""
-
-    separable: tuple[tuple[Vector, Fraction], ...]
-    quadratic: tuple[Lure, ...]
-    time: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,75 +51,31 @@ class _Table:
     rates: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Quadratic:
-    """A quadratic certificate in floats; ``reach`` (a,): sizes of N below which its guard holds, by vector.  ``entry``
-    (a,): its size per N when it takes over."""
-
-    lure: Lure
-    P_e: Array
-    height: float
-    reach: Array
-    entry: Array
-
-
 def plan_stages(
-    problem: Problem, *, rho: Fraction, tolerance: Fraction, fastest: float = math.inf, quadratics: Sequence[Lure] = ()
-) -> list[StagePlan]:
-    """Plan the stages from level ``rho`` down to |e|_inf <= tolerance: the quickest plan, and that without quadratics.
-
-    ``fastest``: no max-separable rate counts beyond it (1/s; the observer's).  ``quadratics``: certificates with a
-    rate and a radius, from which those that pay are chosen; at most MOST_QUADRATICS are looked at.
-    Empty if no vector has a rate at ``rho``.
-    """
+    problem: Problem, *, rho: Fraction, tolerance: Fraction, fastest: float = math.inf
+) -> list[tuple[Vector, Fraction]]:
+    """The quickest way from level ``rho`` down to |e|_inf <= tolerance: vectors v, and the level down from which each
+    is to hold.  ``fastest``: no rate counts beyond it (1/s; the observer's).  Empty if no v has a rate at ``rho``."""
     table = _tabulate(problem, rho=rho, tolerance=float(tolerance), fastest=fastest)
     if table is None or not np.any(table.rates[0] > 0):
         return []
     last = _time(table.levels[:, None] * np.max(table.v, axis=1), float(tolerance), table.rates)
-    penalty = PENALTY * float(np.min(last[0]))
-    reached, before = _shortest(table, penalty)
-    plans = [_plan(table, reached + last, before, (), rho)]
-    chosen = sorted(quadratics, key=lambda lure: -float(lure.radius or 0))[:MOST_QUADRATICS]
-    widest = np.zeros(len(table.v))
-    for arcs in problem.network.modes.values():
-        sums = table.v[:, arcs.listeners] + table.v[:, arcs.speakers]
-        widest = np.maximum(widest, np.max(sums, axis=1, initial=0.0))
-    measured = []
-    for lure in chosen:
-        P_e, radius = to_float(lure.P_e.to_dense()), math.inf if lure.radius is None else float(lure.radius)
-        height = math.sqrt(float(np.max(np.diag(np.linalg.inv(P_e)))))
-        entry = np.array([math.sqrt(box_bound(P_e, np.repeat(v, problem.m))[0]) for v in table.v])
-        measured.append(_Quadratic(lure, P_e, height, radius / np.maximum(widest, 1e-300), entry))
-    chains = (itertools.combinations(measured, count + 1) for count in range(len(measured)))
-    for chain in itertools.chain.from_iterable(chains):
-        times = reached + _chain_times(table, chain, float(tolerance)) + penalty * len(chain)
-        if float(np.min(times)) < plans[0].time:
-            plans = [_plan(table, times, before, chain, rho), plans[-1]]
-    return plans
-
-
-def _plan(table: _Table, times: Array, before: _Steps, chain: Sequence[_Quadratic], rho: Fraction) -> StagePlan:
-    """The way to the least of ``times`` (level, vector), which include those of ``chain``."""
-    place: tuple[int, int] | None = divmod(int(np.argmin(times)), times.shape[1])
+    reached, before = _shortest(table, PENALTY * float(np.min(last[0])))
+    place: tuple[int, int] | None = divmod(int(np.argmin(reached + last)), last.shape[1])
     steps = []
     while place is not None:
         level, vector = place
         steps.append((table.exact[vector], rho if level == 0 else _short(float(table.levels[level]))))
         place = before.get(place)
-    lures = tuple(each.lure for each in chain)
-    return StagePlan(separable=tuple(reversed(steps)), quadratic=lures, time=float(np.min(times)))
-
-
-def box_bound(P_e: Array, v: Array) -> tuple[float, Array]:
-    """The better of two D with P_e <= diag(D): (sum D_i v_i^2, D), for a box with half-widths v (n m,)."""
-    rows = np.abs(P_e) @ v / v  # diagonal dominance after scaling with v
-    even = np.full(len(v), float(np.linalg.eigvalsh(P_e)[-1]))
-    return min(((float(D @ v**2), D) for D in (rows, even)), key=lambda pair: pair[0])
+    return steps[::-1]
 
 
 def matching_diagonal(P_e: SparseSymmetric, half_widths: Vector) -> Vector:
-    """D with P_e <= diag(D) and a small sum of D_i half_widths_i^2, rounded up."""
-    D = box_bound(to_float(P_e.to_dense()), np.array([float(x) for x in half_widths]))[1]
+    """The better of two D with P_e <= diag(D): a small sum of D_i half_widths_i^2 (n m,), rounded up."""
+    floats, v = to_float(P_e.to_dense()), np.array([float(x) for x in half_widths])
+    rows = np.abs(floats) @ v / v  # diagonal dominance after scaling with v
+    even = np.full(len(v), float(np.linalg.eigvalsh(floats)[-1]))
+    D = min((rows, even), key=lambda each: float(each @ v**2))
     return tuple(_short(float(x) * (1 + ABOVE), digits=9) for x in D)
 
 
@@ -181,25 +125,6 @@ def _shortest(table: _Table, penalty: float) -> tuple[Array, _Steps]:
                 reached[later, a] = least[a]
                 before[later, a] = (b, int(source[a]))
     return reached, before
-
-
-def _chain_times(table: _Table, chain: Sequence[_Quadratic], tolerance: float) -> Array:
-    """The time from each level of each vector to the tolerance through the quadratic certificates, (b, a)."""
-    first = chain[0]
-    levels = np.broadcast_to(table.levels[:, None], table.rates.shape)
-    below = np.minimum(levels, first.reach)
-    times = _time(levels, below, table.rates)
-    size = below * first.entry
-    for old, new in itertools.pairwise(chain):
-        below = size
-        if new.lure.radius is not None:  # of ``old``, below which every |e_i - e_j| is within that radius, or less
-            Y = np.linalg.inv(old.P_e)
-            widths = np.diag(Y)[:, None] + np.diag(Y)[None, :] - 2 * Y
-            below = np.minimum(size, float(new.lure.radius) / math.sqrt(float(np.max(widths))))
-        times = times + _time(size, below, float(old.lure.rate))
-        size = below * math.sqrt(float(np.max(np.linalg.eigvals(np.linalg.solve(old.P_e, new.P_e)).real)))
-    top = size * chain[-1].height
-    return times + _time(top, np.minimum(top, tolerance), float(chain[-1].lure.rate))
 
 
 def _time(high: Array | float, low: Array | float, rate: Array | float) -> Array:

@@ -20,7 +20,6 @@ from dobc_design.exact.symmetric import Symmetric
 from dobc_design.solvers.program import FAILED, Array, Program, Solution, assemble, is_solver_failure
 
 ROOT2: Final = math.sqrt(2.0)
-SOLVER: Final = "Clarabel"
 TIME_LIMIT: Final = 20.0  # seconds for one call of one solver; the programs of pencils take milliseconds
 
 
@@ -181,18 +180,18 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
             squares[gains] = 2.0
             cones.append(cone(positive(P, floor=program.floor)))
     except (ArithmeticError, ValueError) as error:  # a number beyond the floats
-        return Solution(status=f"{FAILED}{type(error).__name__}", solver=SOLVER)
+        return Solution(status=f"{FAILED}{type(error).__name__}")
     answer = solve_cones(cost, cones, squares=squares, time_limit=time_limit)
     if not answer.found:
-        return Solution(status=answer.status, solver=SOLVER)
+        return Solution(status=answer.status)
     values = assemble(program.pencils[0], answer.x.tolist())
-    return Solution(status=answer.status, solver=SOLVER, objective=answer.objective, values=values)
+    return Solution(status=answer.status, objective=answer.objective, values=values)
 
 
-def solve_in_turn(programs: Iterable[Program], *, time_limit: float = TIME_LIMIT) -> Iterator[Solution]:
+def solve_in_turn(programs: Iterable[Program]) -> Iterator[Solution]:
     """What ``solve_directly`` answers to each program, perhaps without values; none are asked after one that broke."""
     for program in programs:
-        answer = solve_directly(program, time_limit=time_limit)
+        answer = solve_directly(program, time_limit=TIME_LIMIT)
         yield answer
         if answer.broken:
             return

@@ -44,7 +44,6 @@ class Solution:
     """What a solver answered; ``status`` never decides anything.  Without a point no ``values``, ``objective`` nan."""
 
     status: str
-    solver: str
     objective: float = math.nan
     values: Mapping[str, Array] = field(default_factory=dict)
 

@@ -46,18 +46,18 @@ def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that an answer is inaccurate stands in the status
         problem.solve(solver=solver)
-    return _read_dense(program, problem, variables, solver=solver)
+    return _read_dense(program, problem, variables)
 
 
-def _read_dense(program: Program, problem: Any, variables: dict[str, Any], *, solver: str) -> Solution:
+def _read_dense(program: Program, problem: Any, variables: dict[str, Any]) -> Solution:
     """What the solver answered.  Raises what comes of it if that is no point at all."""
     unknowns = program.pencils[0].unknowns
     missing = problem.value is None or any(variables[unknown.name].value is None for unknown in unknowns)
     if missing or not math.isfinite(problem.value):
-        return Solution(status=str(problem.status), solver=solver)
+        return Solution(status=str(problem.status))
     numbers = [float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()]
     values = assemble(program.pencils[0], numbers)
-    return Solution(status=str(problem.status), solver=solver, objective=float(problem.value), values=values)
+    return Solution(status=str(problem.status), objective=float(problem.value), values=values)
 
 
 def _affine(pencil: Pencil, variables: dict[str, Any]) -> Any:

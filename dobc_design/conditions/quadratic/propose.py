@@ -61,13 +61,13 @@ _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
 _NOT_NEEDED: Final = 1e4
 
 
-def roomy_gains(coupling: Coupling, radius: Fraction, *, room: Fraction = ROOM) -> Gain:
+def roomy_gains(coupling: Coupling, radius: Fraction) -> Gain:
     """``gains_on``, a little wider where h is not linear, for whoever encloses them in another way."""
     entries = gains_on(coupling, radius)
     if coupling.is_linear:
         return entries
     return tuple(
-        tuple(Interval(gain.lo - room * gain.magnitude, gain.hi + room * gain.magnitude) for gain in row)
+        tuple(Interval(gain.lo - ROOM * gain.magnitude, gain.hi + ROOM * gain.magnitude) for gain in row)
         for row in entries
     )
 

@@ -42,7 +42,7 @@ THIRD_PARTY = {
     "problem": {"pydantic", "tomlkit", *NUMBERS},
     "report": {"jinja2", "networkx", "typst", *PLOTS},
     "simulation": {"pandas", *NUMBERS},
-    "solvers": {"clarabel", *NUMBERS},
+    "solvers": {"clarabel", "cvxpy", *NUMBERS},
     "sweeps": {"distributed", "joblib", "numpy", "pandas", "pyarrow"},
     "synthesis": {"pandas", *NUMBERS},
 }

@@ -1,4 +1,4 @@
-"""Clarabel, asked in one place: linear objectives over cones, and the programs of pencils.
+"""Clarabel, asked in one place: linear objectives over cones, the programs of pencils, and the ladder down to SCS.
 
 Whatever a solver answers is a proposal that exact arithmetic decides about: a wrong answer costs time and nothing else.
 A solver that breaks (raises, runs out of time, answers with something that is no point) is not asked again.
@@ -7,20 +7,25 @@ A solver that breaks (raises, runs out of time, answers with something that is n
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil, below, positive
 from dobc_design.exact.symmetric import Symmetric
-from dobc_design.solvers.program import FAILED, Array, Program, Solution, assemble, is_solver_failure
+from dobc_design.solvers.program import FAILED, Array, Program, Solution, as_sparse, assemble, is_solver_failure
+
+T = TypeVar("T")
 
 ROOT2: Final = math.sqrt(2.0)
-TIME_LIMIT: Final = 20.0  # seconds for one call of one solver; the programs of pencils take milliseconds
+SOLVER, SECOND = "Clarabel", "SCS"
+TIME_LIMITS: Final = {"CLARABEL": "time_limit", "SCS": "time_limit_secs"}  # cvxpy's option by solver, in s
+TIME_LIMIT: Final = 20.0  # seconds for one call of one solver; the programs of the ladder take milliseconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,18 +185,94 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
             squares[gains] = 2.0
             cones.append(cone(positive(P, floor=program.floor)))
     except (ArithmeticError, ValueError) as error:  # a number beyond the floats
-        return Solution(status=f"{FAILED}{type(error).__name__}")
+        return Solution(status=f"{FAILED}{type(error).__name__}", solver=SOLVER)
     answer = solve_cones(cost, cones, squares=squares, time_limit=time_limit)
     if not answer.found:
-        return Solution(status=answer.status)
+        return Solution(status=answer.status, solver=SOLVER)
     values = assemble(program.pencils[0], answer.x.tolist())
-    return Solution(status=answer.status, objective=answer.objective, values=values)
+    return Solution(status=answer.status, solver=SOLVER, objective=answer.objective, values=values)
 
 
-def solve_in_turn(programs: Iterable[Program]) -> Iterator[Solution]:
-    """What ``solve_directly`` answers to each program, perhaps without values; none are asked after one that broke."""
-    for program in programs:
-        answer = solve_directly(program, time_limit=TIME_LIMIT)
-        yield answer
+def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
+    """The cvxpy problem of a Program and its variables by name (P, declared symmetric, Q and perhaps t): the block LMI
+    of Theorems 1 and 2 as the paper writes it, size n (m + q) per mode; the oracle of the reduced form."""
+    import cvxpy as cp
+
+    first = program.pencils[0]
+    variables: dict[str, Any] = {
+        unknown.name: cp.Variable((unknown.rows, unknown.columns), symmetric=unknown.symmetric, name=unknown.name)
+        for unknown in first.unknowns
+    }
+    P, Q = variables["P"], variables.get("Q")
+    q = first.unknowns[0].rows
+    constraints = []
+    if program.objective == "margin":
+        t = variables["t"] = cp.Variable(name="t")
+        constraints += [_affine(cp, each, variables) << t * np.eye(each.size) for each in program.pencils]
+        constraints += [P >> np.eye(q) * float(1 + program.floor), P << np.eye(q) * float(program.ratio)]
+        if Q is not None:
+            constraints.append(cp.norm(Q, "fro") <= float(program.radius))
+        objective = cp.Minimize(t)
+    else:
+        constraints += [_affine(cp, each, variables) << 0 for each in program.pencils]
+        constraints.append(P >> np.eye(q) * float(program.floor))
+        objective = cp.Minimize(cp.trace(P) + (cp.sum_squares(Q) if Q is not None else 0))
+    return cp.Problem(objective, constraints), variables
+
+
+def solve_dense(program: Program, *, solver: str = "CLARABEL", time_limit: float = 60.0) -> Solution:
+    """Solve the block LMI through cvxpy by one of its solvers.  A failure is a Solution without values."""
+    try:
+        problem, variables = build_dense(program)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that an answer is inaccurate stands in the status
+            problem.solve(solver=solver, **{TIME_LIMITS[solver]: time_limit} if solver in TIME_LIMITS else {})
+        return _read_dense(program, problem, variables, solver=solver)
+    except BaseException as error:  # a panic in Rust is no Exception
+        if not is_solver_failure(error):
+            raise
+        return Solution(status=f"{FAILED}{type(error).__name__}", solver=solver)
+
+
+def _read_dense(program: Program, problem: Any, variables: dict[str, Any], *, solver: str) -> Solution:
+    """What the solver answered.  Raises what comes of it if that is no point at all."""
+    unknowns = program.pencils[0].unknowns
+    missing = problem.value is None or any(variables[unknown.name].value is None for unknown in unknowns)
+    if missing or not math.isfinite(problem.value):
+        return Solution(status=str(problem.status), solver=solver)
+    numbers = [float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()]
+    values = assemble(program.pencils[0], numbers)
+    return Solution(status=str(problem.status), solver=solver, objective=float(problem.value), values=values)
+
+
+def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
+    total = cp.Constant(as_sparse(pencil.constant))
+    for (name, i, j), coefficient in pencil.coefficients.items():
+        total = total + variables[name][i, j] * as_sparse(coefficient)
+    return total
+
+
+def climb(
+    programs: Iterable[tuple[Program, T]], *, time_limit: float = TIME_LIMIT
+) -> Iterator[tuple[Solution, T, str]]:
+    """Solve each program by Clarabel and, where that gave no point for one of them, by SCS through cvxpy.  Returns: the
+    answer (perhaps without values), the label, and how it came about: "" for Clarabel, else such as "by SCS, after
+    Clarabel gave no point (MaxTime)"."""
+    source = iter(programs)
+    asked: list[tuple[Program, T]] = []
+    trouble: str | None = None
+    for program, label in source:
+        asked.append((program, label))
+        answer = solve_directly(program, time_limit=time_limit)
+        if answer.broken or not answer.found:
+            trouble = answer.status
+        yield answer, label, ""
+        if answer.broken:
+            break
+    if trouble is None:
+        return
+    for program, label in (*asked, *source):
+        answer = solve_dense(program, solver=SECOND, time_limit=time_limit)
+        yield answer, label, f"by {SECOND}, after Clarabel gave no point ({trouble})"
         if answer.broken:
             return

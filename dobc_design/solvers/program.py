@@ -1,4 +1,4 @@
-"""The semidefinite programs of the toolbox, stated for pencils.
+"""The semidefinite programs of the toolbox, stated for pencils; both solvers' sides read this.
 
     "size":    minimise tr P + |Q|^2     subject to F(P, Q) <= 0, P >= floor I
     "margin":  minimise t                subject to F(P, Q) <= t I, I <= P <= ratio I, |Q| <= radius
@@ -12,12 +12,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.pencil import Pencil
+from dobc_design.exact.symmetric import Symmetric
 
 Array = NDArray[np.float64]
 
@@ -25,7 +28,7 @@ Array = NDArray[np.float64]
 # ArpackError and our SpecError are among them.
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, LookupError)
 FAILED = "failed: "  # how the status of a solver begins that raised, or answered with something that is no point
-OUT_OF_TIME = "MaxTime"  # Clarabel's word
+OUT_OF_TIME = ("MaxTime", "user_limit")  # Clarabel's and cvxpy's words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,6 +47,7 @@ class Solution:
     """What a solver answered; ``status`` never decides anything.  Without a point no ``values``, ``objective`` nan."""
 
     status: str
+    solver: str
     objective: float = math.nan
     values: Mapping[str, Array] = field(default_factory=dict)
 
@@ -55,7 +59,7 @@ class Solution:
     @property
     def broken(self) -> bool:
         """Whether the solver itself broke down or ran out of time: asking it again would be no better."""
-        return self.status.startswith(FAILED) or self.status == OUT_OF_TIME
+        return self.status.startswith(FAILED) or self.status in OUT_OF_TIME
 
 
 def is_solver_failure(error: BaseException) -> bool:
@@ -63,6 +67,12 @@ def is_solver_failure(error: BaseException) -> bool:
     solver written in Rust arrives as a BaseException that cannot be imported: it is known by name."""
     ordinary = isinstance(error, Exception) and not isinstance(error, MemoryError)
     return ordinary or type(error).__name__ == "PanicException"
+
+
+def as_sparse(matrix: Symmetric) -> Any:
+    """The nearest floats of an exact symmetric matrix, as a SciPy array.  Raises: OverflowError beyond the floats."""
+    rows, columns, values = matrix.triplets()
+    return sparse.csr_array((values, (rows, columns)), shape=(matrix.size, matrix.size))
 
 
 def assemble(pencil: Pencil, numbers: Sequence[float]) -> dict[str, Array]:

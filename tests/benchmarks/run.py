@@ -26,7 +26,6 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
-from dense import solve_dense
 from large import falling_rows, lambda_rows, large_rows, whole_bars
 from old_interval import OldInterval
 from peers import peer_table
@@ -47,7 +46,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import solve_directly
+from dobc_design.solvers.conic import solve_dense, solve_directly
 from dobc_design.solvers.program import Program, Solution
 
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])

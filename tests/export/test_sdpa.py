@@ -8,7 +8,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from dense import solve_dense
 
 import dobc_design as dd
 from dobc_design.conditions.consensus.claim import state_theorems
@@ -18,6 +17,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
+from dobc_design.solvers.conic import solve_dense
 from dobc_design.solvers.program import Program
 
 needs_csdp = pytest.mark.skipif(

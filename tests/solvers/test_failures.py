@@ -18,7 +18,7 @@ from dobc_design.conditions.observer.propose import propose_pairs
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import builtin_text, read_problem_text
 from dobc_design.solvers import conic
-from dobc_design.solvers.conic import solve_directly
+from dobc_design.solvers.conic import solve_dense, solve_directly
 from dobc_design.solvers.program import Program, Solution, is_solver_failure
 from dobc_design.verdict import Verdict
 
@@ -101,6 +101,23 @@ def test_a_failing_solver_is_a_solution_without_values(monkeypatch, program, nam
     assert found.status
 
 
+@pytest.mark.parametrize("error", [RuntimeError("x"), PanicException("x"), ValueError("x"), ZeroDivisionError()])
+def test_a_failing_modelling_layer_is_a_solution_without_values(monkeypatch, program, error):
+    import cvxpy as cp
+
+    def fail(self: object, **settings: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cp.Problem, "solve", fail)
+    found = solve_dense(program)
+    assert not found.found
+    assert found.status == f"failed: {type(error).__name__}"
+
+
+def test_a_solver_that_is_not_there_is_a_solution_without_values(program):
+    assert not solve_dense(program, solver="MOSEK").found
+
+
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(1), MemoryError()])
 def test_what_is_not_the_solvers_own_failure_goes_on(monkeypatch, program, error):
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing(error))
@@ -125,6 +142,7 @@ FEW = ("raises", "nan", "zeros", "huge")
 def test_certify_proves_without_its_solvers(monkeypatch, name, cycle):
     """The last rung is an exact Lyapunov equation, scaled up: no solver is needed for a proof."""
     monkeypatch.setattr(clarabel, "DefaultSolver", Failing((OUTCOMES | LIES)[name]))
+    monkeypatch.setattr(conic, "solve_dense", lambda program, **options: Solution(status="failed: x", solver="SCS"))
     for problem in (without_region("paper-fixed"), without_region("paper-switching"), cycle(4)):
         decided(problem)
 
@@ -161,12 +179,13 @@ def test_pairs_are_proposed_for_any_estimate(harmonic, bound):
 
 def nothing(program: Program, **options: object) -> Solution:
     """A solver that gives up."""
-    return Solution(status="failed: nothing")
+    return Solution(status="failed: nothing", solver="none")
 
 
 @pytest.fixture
 def without_solvers(monkeypatch):
     monkeypatch.setattr(conic, "solve_directly", nothing)
+    monkeypatch.setattr(conic, "solve_dense", nothing)
 
 
 def test_a_gain_is_found_without_a_solver(without_solvers, harmonic):
@@ -186,9 +205,19 @@ def test_without_any_solver_the_poles_are_placed_exactly(without_solvers, monkey
     assert "exact pole placement" in found.note
 
 
+@pytest.mark.parametrize("name", ["raises", "nan", "infeasible", "too short"])
+def test_the_second_solver_steps_in_and_the_notes_say_so(monkeypatch, name, cycle):
+    """Clarabel gives no point: W and P come from SCS, and are proved like any other."""
+    monkeypatch.setattr(clarabel, "DefaultSolver", Failing(OUTCOMES[name]))
+    notes = notes_of(decided(cycle(4)))
+    assert "W was designed (small SDP by SCS, after Clarabel gave no point (" in notes
+    assert "P was found by SCS, after Clarabel gave no point (" in notes
+
+
 def test_the_usual_way_is_not_worth_a_note(cycle):
     notes = notes_of(dd.certify(cycle(4)))
     assert "W was designed (small SDP) for the decay rate" in notes
+    assert "SCS" not in notes
     assert "Lyapunov" not in notes
 
 
@@ -207,24 +236,27 @@ def test_the_exact_steps_are_told_in_the_notes(without_solvers, monkeypatch, cyc
 def test_a_solver_that_runs_out_of_time_is_not_asked_again(monkeypatch, harmonic):
     calls: list[str] = []
 
-    def slow(program: Program, **options: object) -> Solution:
-        calls.append("asked")
-        return Solution(status="MaxTime")
+    def slow(name: str):
+        def solve(program: Program, **options: object) -> Solution:
+            calls.append(name)
+            return Solution(status="MaxTime", solver=name)
 
-    monkeypatch.setattr(conic, "solve_directly", slow)
+        return solve
+
+    monkeypatch.setattr(conic, "solve_directly", slow("first"))
+    monkeypatch.setattr(conic, "solve_dense", slow("second"))
     assert propose.design_gain(harmonic).W is not None
-    assert calls == ["asked"]
+    assert calls == ["first", "second"]
 
 
-def test_the_time_limit_reaches_the_solvers(monkeypatch, harmonic):
+def test_the_time_limit_reaches_the_solvers(harmonic, cycle):
     """1e-12 s is too short for any of them; a gain and a pair are found all the same."""
     program = Program(pencils=(reduced(Fraction(-1), harmonic),))
     assert solve_directly(program, time_limit=1e-12).broken
-    monkeypatch.setattr(conic, "TIME_LIMIT", 1e-12)
-    found = propose.design_gain(harmonic)
+    found = propose.design_gain(harmonic, time_limit=1e-12)
     assert found.W is not None
     W = ((Fraction(16, 5),), (Fraction(12, 5),))
-    assert list(propose_pairs(harmonic, W, bound=-0.5, decay=1.6))
+    assert list(propose_pairs(harmonic, W, bound=-0.5, decay=1.6, time_limit=1e-12))
 
 
 def test_when_every_rung_fails_the_answer_is_undecided_and_says_why(without_solvers, monkeypatch, cycle):
@@ -282,7 +314,7 @@ def test_eigenvalue_solvers_that_break_change_no_verdict(monkeypatch, name, cycl
 
 
 def test_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
-    monkeypatch.setattr(propose, "_candidates", lambda exosystem, rate, kalman: iter(()))
+    monkeypatch.setattr(propose, "_candidates", lambda exosystem, rate, kalman, time_limit: iter(()))
     found = propose.design_gain(harmonic, rate=Fraction(3))
     assert found.W is None
     assert "no W was found for the decay rate 3 1/s" in found.note
@@ -290,7 +322,7 @@ def test_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
 
 def test_a_singular_p_of_a_solver_is_passed_over(monkeypatch, harmonic):
     values = {"P": np.zeros((2, 2)), "Q": np.ones((2, 1))}
-    singular = Solution(status="Solved", objective=0.0, values=values)
+    singular = Solution(status="Solved", solver="x", objective=0.0, values=values)
     monkeypatch.setattr(conic, "solve_directly", lambda program, **options: singular)
     assert propose.design_gain(harmonic).W is not None
 

@@ -6,7 +6,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from dense import build_dense, solve_dense
 from reduced import reduced_program, solve_reduced
 from scipy import sparse
 
@@ -18,7 +17,7 @@ from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import smat, solve_directly, svec, svec_exact, symmetric_basis
+from dobc_design.solvers.conic import build_dense, smat, solve_dense, solve_directly, svec, svec_exact, symmetric_basis
 from dobc_design.solvers.program import Program, Solution, assemble, round_matrix
 from dobc_design.verdict import Verdict
 
@@ -206,8 +205,8 @@ def test_numbers_go_to_their_places(harmonic):
 
 
 def test_a_solution_is_found_only_with_finite_values():
-    assert not Solution(status="failed").found
-    bad = Solution(status="Solved", objective=1.0, values={"P": np.array([[np.nan]])})
+    assert not Solution(status="failed", solver="x").found
+    bad = Solution(status="Solved", solver="x", objective=1.0, values={"P": np.array([[np.nan]])})
     assert not bad.found
 
 

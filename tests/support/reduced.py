@@ -38,5 +38,5 @@ def solve_reduced(problem: Problem, *, objective: str = "size", time_limit: floa
     """
     program = reduced_program(problem, objective=objective)
     if program is None:
-        return Solution(status="failed: no estimate of lambda_max")
+        return Solution(status="failed: no estimate of lambda_max", solver="Clarabel")
     return solve_directly(program, time_limit=time_limit)

@@ -38,7 +38,7 @@ from dobc_design.exact.matrix import (
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import solve_in_turn
+from dobc_design.solvers.conic import SECOND, TIME_LIMIT, climb
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
 
@@ -203,19 +203,19 @@ def _crossings(F: Array, B: Array, C: Array, D: Array, level: float) -> Array:
 
 
 def propose_pairs(
-    exosystem: Exosystem, W: Matrix, *, bound: float, decay: float
+    exosystem: Exosystem, W: Matrix, *, bound: float, decay: float, time_limit: float = TIME_LIMIT
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
     """Rational (P, P W) to be tried in turn, each with a sentence on how it came about ("" for the usual way).
     ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about that of A - WC > 0 (1/s); the last need no solver."""
     why = "there was no estimate to start a solver from"
     small = exosystem.order <= LARGEST_PROGRAM
     if small and bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
-        for answer in solve_in_turn(_programs(exosystem, W, bound=bound, decay=decay)):
+        for answer, _, how in climb(_programs(exosystem, W, bound=bound, decay=decay), time_limit=time_limit):
             why = f"no proposal of a solver could be proved (the last said: {answer.status})"
             if answer.found:
                 for digits in PAIR_DIGITS:
                     P = round_matrix(answer.values["P"], digits)
-                    yield P, multiply(P, W), ""
+                    yield P, multiply(P, W), f"P was found {how}." if how else ""
     error = error_matrix(exosystem, W)
     size = _square(exosystem)  # at least lambda_max(C C')
     wanted = 2 * size / Fraction(-bound) if bound < 0 and math.isfinite(bound) else size
@@ -238,7 +238,7 @@ def propose_pairs(
             yield P, multiply(P, W), f"P solves a Lyapunov equation exactly, because {why}."
 
 
-def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[Program]:
+def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[tuple[Program, None]]:
     # P is kept away from singular where C sees nothing, and the bound has a little slack for the rounding of P.
     natural = _square(exosystem) / (Fraction(-bound) * Fraction(max(decay, -bound))) / 1000
     floor = natural.limit_denominator(10**12) or Fraction(1, 10**12)
@@ -247,7 +247,7 @@ def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) ->
         total = bound + 2 * float(rate)
         tightened = Fraction(bound - 0.05 * total) if total < 0 else Fraction(bound)
         pencil = with_gain(reduced(tightened, exosystem, rate=rate), W)
-        yield Program(pencils=(pencil,), floor=floor)
+        yield Program(pencils=(pencil,), floor=floor), None
 
 
 def _square(exosystem: Exosystem) -> Fraction:
@@ -263,8 +263,8 @@ class GainDesign:
     note: str
 
 
-def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDesign:
-    """Design W (q, m) so that A - WC decays at ``rate`` (1/s)."""
+def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limit: float = TIME_LIMIT) -> GainDesign:
+    """Design W (q, m) so that A - WC decays at ``rate`` (1/s); ``time_limit`` (s) for one call of a solver."""
     if (reason := too_large(exosystem)) is not None:
         return GainDesign(W=None, rate=None, note=f"no W is designed: it is {reason}")
     if observability.decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
@@ -280,17 +280,19 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
         if kalman is not None:
             wanted = half_rate(to_float(exosystem.A), to_float(exosystem.C), kalman)
         asked = "half that of the Kalman gain with unit weights" if wanted else "the least that can be asked"
-    for W, how in _candidates(exosystem, wanted, kalman):
+    for W, how in _candidates(exosystem, wanted, kalman, time_limit=time_limit):
         if hurwitz_with_rate(error_matrix(exosystem, W), wanted):
             note = f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
             return GainDesign(W=W, rate=wanted, note=note)
     cure = f"{'ask for a lower observer.rate, or ' if wanted else ''}give one as observer.W."
-    note = f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP nor as a"
-    note += f" Kalman gain nor by exact pole placement; {cure}"
+    note = f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP (Clarabel, then"
+    note += f" {SECOND}) nor as a Kalman gain nor by exact pole placement; {cure}"
     return GainDesign(W=None, rate=wanted, note=note)
 
 
-def _candidates(exosystem: Exosystem, rate: Fraction, kalman: Array | None) -> Iterator[tuple[Matrix, str]]:
+def _candidates(
+    exosystem: Exosystem, rate: Fraction, kalman: Array | None, *, time_limit: float
+) -> Iterator[tuple[Matrix, str]]:
     """Proposals W for a rate, each in several roundings, and how they came about."""
     time, output = natural_units(exosystem, rate=rate)
     # Large C alone would ask for a far faster observer than the rate does, hence max(1, output).
@@ -299,11 +301,10 @@ def _candidates(exosystem: Exosystem, rate: Fraction, kalman: Array | None) -> I
     with suppress(OverflowError):  # A is beyond the floats
         systems.insert(0, scaled_exosystem(exosystem, time=Fraction(1), output=max(Fraction(1), output)))
     systems = systems if exosystem.order <= LARGEST_PROGRAM else []
-    tries = list(product(systems, SLACK))
-    programs = (_program(each, rate / each.time * slack) for each, slack in tries)
-    for (each, _), answer in zip(tries, solve_in_turn(programs), strict=False):
+    programs = ((_program(each, rate / each.time * slack), each.gain) for each in systems for slack in SLACK)
+    for answer, unit, how in climb(programs, time_limit=time_limit):
         for W in _roundings(_gain_of(answer)):
-            yield scale(each.gain, W), "small SDP"
+            yield scale(unit, W), f"small SDP {how}".rstrip()
     yield from ((W, "Kalman gain") for W in _roundings(kalman))
     for slack in SLACK:
         for W in _roundings(_kalman(units.exosystem, shift=float(rate / units.time * slack))):

@@ -111,8 +111,8 @@ class Regions(Shown):
     tolerance: float | None
     claims: tuple[RegionClaim, ...]
     agents: tuple[AgentBound, ...]
-    delay: Check | None
-    sampling: Check | None
+    delay: Check | None = None
+    sampling: Check | None = None
     settling: Check | None = None
     equilibrium: Check | None = None
 
@@ -137,17 +137,13 @@ class Regions(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """JSON object: numbers rounded towards the weaker claim."""
-        a, checks = self.asked, (self.settling, self.delay, self.sampling, self.equilibrium)
-        settling, delay, sampling, equilibrium = (None if check is None else check.to_json() for check in checks)
+        a, checks = self.asked, {name: getattr(self, name) for name in BESIDE}
         return {
             "asked": None if a is None else {"box": a.box, "ball": a.ball, "disturbance": a.disturbance},
             "tolerance": self.tolerance,
             "regions": [claim.to_json() for claim in self.claims],
             "agents": [{"label": a.label, "bound": a.bound, "pinned": a.pinned} for a in self.agents],
-            "settling": settling,
-            "delay": delay,
-            "sampling": sampling,
-            "equilibrium": equilibrium,
+            **{name: None if check is None else check.to_json() for name, check in checks.items()},
         }
 
     def __str__(self) -> str:
@@ -175,6 +171,7 @@ class Regions(Shown):
 
 #: A start counts as settled when every |e_ic| is below this part of the radius.
 SETTLED: Final = Fraction(1, 100)
+BESIDE: Final = ("settling", "delay", "sampling", "equilibrium")  # checks that stand beside the regions
 #: Agents up to which the bound of each is listed.
 MOST_AGENTS: Final = 2000
 _DIGITS, _UNIT = 6, 10**9
@@ -185,7 +182,7 @@ def certified_regions(problem: Problem, claims: Claims) -> Regions:
 
     Raises: CertificateError for claims that cannot be read, as in a file that somebody else wrote.
     """
-    asked, by_id = _asked(problem), {check.id: check for check in claims.checks}
+    asked, beside = _asked(problem), dict[str, Any]((check.id, check) for check in claims.checks if check.id in BESIDE)
     with reading_claims():
         known = tuple(replace(check, claim=claim_of(check, problem, claims.W)) for check in claims.checks)
         tolerance = _tolerance(known, asked)
@@ -199,10 +196,7 @@ def certified_regions(problem: Problem, claims: Claims) -> Regions:
             tolerance=tolerance,
             claims=tuple(gatherer.claim(check) for check in chosen),
             agents=next((_agents(problem, check) for check in chosen if isinstance(check.claim, Separable)), ()),
-            delay=by_id.get("delay"),
-            sampling=by_id.get("sampling"),
-            settling=by_id.get("settling"),
-            equilibrium=by_id.get("equilibrium"),
+            **beside,
         )
 
 

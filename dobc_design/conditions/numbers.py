@@ -6,7 +6,6 @@ Rationals of a certificate may be longer than a number that somebody types: they
 from __future__ import annotations
 
 import math
-import re
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterable
 from fractions import Fraction
@@ -15,15 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import (
-    MAX_CHARACTERS,
-    MAX_EXPONENT,
-    common_denominator,
-    float_above,
-    float_below,
-    number_text,
-    parse_number,
-)
+from dobc_design.exact.number import common_denominator, float_above, float_below, number_text, read_text
 from dobc_design.exact.symmetric import Doubles
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
@@ -32,9 +23,6 @@ VECTOR_BITS, MATRIX_BITS = 65_536, 16_384  # of the common denominator of a vect
 LARGEST = Fraction(10) ** 300  # numbers above are no radii
 MANY_AGENTS = 1000  # from which on vectors travel as doubles
 _DIGITS = 12  # of a decimal that is rounded up
-_CHUNK = 4000  # Python refuses to read more than 4300 digits at once
-_QUOTIENT = re.compile(r"([+-]?)([0-9]+)/([+-]?)([0-9]+)")
-_DECIMAL = re.compile(r"([+-]?)([0-9]+)(?:\.([0-9]+))?(?:[eE]([+-]?)0*([0-9]{1,3}))?")
 
 
 def claimed(value: float) -> Fraction:
@@ -115,21 +103,7 @@ def read_rational(text: object, *, key: str = "certificate") -> Fraction:
     or ValueError for anything else, JSON numbers included."""
     if not isinstance(text, str) or len(text) > LONGEST:
         raise ValueError(f"{key} must be a rational as text of at most {LONGEST} characters")
-    if len(text) <= MAX_CHARACTERS:
-        return parse_number(text, key=key)
-    quotient = _QUOTIENT.fullmatch(text)  # the same grammar for text that no problem file may hold
-    if quotient is not None:
-        bottom = _integer(quotient[4])
-        if not bottom:
-            raise ValueError(f"{key} must have a denominator other than 0")
-        return Fraction(_integer(quotient[2]), bottom) * (-1 if (quotient[1] == "-") != (quotient[3] == "-") else 1)
-    decimal = _DECIMAL.fullmatch(text)
-    exponent = 0 if decimal is None else int((decimal[4] or "") + (decimal[5] or "0"))
-    if decimal is None or abs(exponent) > MAX_EXPONENT:
-        raise ValueError(f"{key} must be a rational such as 9/16 or 1e-300, its exponent from -400 to 400")
-    places = decimal[3] or ""
-    value = Fraction(_integer(decimal[2] + places)) * Fraction(10) ** (exponent - len(places))
-    return -value if decimal[1] == "-" else value
+    return read_text(text, key=key, longest=LONGEST)
 
 
 def is_writable(P: Matrix, *others: Matrix) -> bool:
@@ -184,11 +158,3 @@ def vector_from_json(data: object, size: int) -> Vector | Doubles:
     if len(v) != size:
         raise ValueError(f"expected {size} numbers, got {len(v)}")
     return v
-
-
-def _integer(digits: str) -> int:
-    value = 0
-    for start in range(0, len(digits), _CHUNK):
-        part = digits[start : start + _CHUNK]
-        value = value * 10 ** len(part) + int(part)
-    return value

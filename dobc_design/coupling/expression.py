@@ -17,8 +17,8 @@ from dobc_design.coupling import tree
 from dobc_design.coupling.functions import LATEX, NONSMOOTH, WITHOUT_POWERS
 from dobc_design.coupling.parser import DEEPEST, Fault, Repair, excerpt, parse
 from dobc_design.errors import ExpressionError, ShapeError, SpecError, wrong
+from dobc_design.exact.number import decimal_parts, with_exponent, without_exponent
 
-LARGEST_DECIMAL_EXPONENT = 400  # of a number in a problem file
 _LONGEST_PLAIN_NUMBER = 21
 
 SUM, SIGN, PRODUCT, UNARY, POWER, ATOM = range(6)
@@ -46,35 +46,14 @@ def to_latex(node: tree.Node, *, dimension: int = 1) -> str:
 
 def decimal_text(value: Fraction, *, compact: bool = False) -> str | None:
     """Write a number >= 0 as an exact decimal; None if it has none (1/3)."""
-    plain = _plain(value)
-    if plain is None or (not compact and len(plain) <= _LONGEST_PLAIN_NUMBER):
-        return plain
-    scientific = _scientific(plain)
+    parts = decimal_parts(value)
+    if parts is None:
+        return None
+    plain, scientific = without_exponent(*parts), with_exponent(*parts).removesuffix("e0")
     if not compact:
-        return scientific
+        return plain if len(plain) <= _LONGEST_PLAIN_NUMBER else scientific
     shortest = min(plain, scientific, key=len)
     return shortest[1:] if shortest.startswith("0.") else shortest
-
-
-def _plain(value: Fraction) -> str | None:
-    denominator = value.denominator
-    places = next((k for k in range(denominator.bit_length()) if pow(10, k, denominator) == 0), None)
-    if places is None:
-        return None
-    digits = str(value.numerator * 10**places // value.denominator).rjust(places + 1, "0")
-    return digits if places == 0 else f"{digits[:-places]}.{digits[-places:]}"
-
-
-def _scientific(plain: str) -> str:
-    whole, _, decimals = plain.partition(".")
-    digits = (whole + decimals).lstrip("0")
-    if not digits:
-        return "0"
-    mantissa = digits.rstrip("0")
-    exponent = len(digits) - len(mantissa) - len(decimals)
-    limited = max(-LARGEST_DECIMAL_EXPONENT, min(LARGEST_DECIMAL_EXPONENT, exponent))
-    moved = _plain(int(mantissa) * Fraction(10) ** (exponent - limited))
-    return f"{moved}e{limited}" if limited else str(moved)
 
 
 class _TextAlgebra:

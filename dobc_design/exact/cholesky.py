@@ -1,6 +1,6 @@
-"""Dense matrices decided by a floating-point Cholesky factor: bounded (Rump), or checked in exact integers.
+"""Dense matrices decided by a floating-point Cholesky factor that is checked in exact integers.
 
-Both work on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0 iff D M D > 0. Neither ever answers
+It works on D M D, D powers of two that bring the diagonal into [1/8, 1); M > 0 iff D M D > 0. It never answers
 "not positive definite"; eigenvectors that may show it come from ``low_directions``.
 """
 
@@ -147,7 +147,6 @@ def _back_substitute(bad: dict[int, Scalar], steps: list[Step]) -> dict[int, Sca
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
-_UNIT: Final = 2.0**-53
 # Products of integers are exact in doubles, in any order of summation, while no partial sum reaches this.
 _EXACT: Final = 2.0**53
 # Float bounds below are multiplied by this: their own rounding errors are below (n + 10) 2^-53 of them.
@@ -244,21 +243,6 @@ def _against(i: int, j: int, entry: int, exponents: Whole) -> list[int]:
     direction[i] = 1 << (top - int(exponents[i]))
     direction[j] = (-1 if entry > 0 else 1) << (top - int(exponents[j]))
     return direction
-
-
-def shifted_cholesky(S: Scaled) -> bool:
-    """Tell whether M > 0 is proved by a Cholesky factorisation of fl(A - c I) that completes (Rump, BIT 2006).
-
-    c >= g/(1 - g) tr A + 2u max a_ii + |radius| + underflow, u = 2^-53. Rump's g is (n + 3) u; (n + 10) u also covers
-    implementations that multiply by rounded reciprocals of the pivots. The radius is a norm of what the doubles leave
-    out of D M D. The underflow term covers flush to zero.
-    """
-    n, A = S.size, S.floats
-    diagonal = A.diagonal()
-    g = (n + 10) * _UNIT
-    radius = _UNIT * float(np.abs(A).sum(axis=1).max()) + n * 2.0 ** -(2 * (HIGH_BITS + S.low_bits))
-    c = g / (1 - g) * float(diagonal.sum()) + 2 * _UNIT * float(diagonal.max()) + radius + 8 * (n + 2) ** 2 * 2.0**-1000
-    return _factor(A, c * _UPWARDS) is not None
 
 
 def proves_by_integers(S: Scaled) -> bool:

@@ -29,7 +29,6 @@ from dobc_design.exact.cholesky import (
     margin,
     proves_by_integers,
     scaled,
-    shifted_cholesky,
 )
 from dobc_design.exact.matrix import Matrix, Vector, from_float, matrix
 from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric, Symmetric, in_integers
@@ -87,10 +86,8 @@ def roundings(vector: Sequence[int]) -> Iterator[list[int]]:
 
 
 # The borders, by CPU times measured in one run (Gram matrices of random integers; rings with chords): up to 12 rows
-# Fractions take 2 ms at most, and nothing is easier to trust. LDL' with flint takes 14 to 60 times as long as the shift
-# at 32 rows, over 1000 times as long as the vector on a ring of 400. The integer rest takes 1.0 to 1.3 times as long as
-# the shift; from 100 rows on it goes alone: it needs no bound of LAPACK's rounding and shows smaller eigenvalues.
-_RUMP_SIZE: Final = 99
+# Fractions take 2 ms at most, and nothing is easier to trust. LDL' with flint takes 11 to 60 times as long as the
+# integer rest at 32 rows, over 1000 times as long as the vector on a ring of 400.
 _DENSE_SIZE: Final = 2000
 # Sparse: at most one entry of the upper triangle in so many.
 _SPARSE: Final = 8
@@ -117,13 +114,13 @@ def decide_positive_semidefinite(M: Matrix | Symmetric) -> Definiteness:
 
 def decide_quickly(M: Matrix | Symmetric) -> Definiteness:
     """Decide M > 0 by one Cholesky factorisation or one eigenvector, or leave it UNDECIDED near the edge.  PROVED by
-    Rump's shift; REFUTED by v'Mv <= 0, multiplied out exactly. O(n^3) in doubles, O(n^2) memory. Raises: ShapeError if
-    M is not square and exactly symmetric."""
+    the factor's exact rest; REFUTED by v'Mv <= 0, multiplied out exactly. O(n^3) in doubles, O(n^2) memory. Raises:
+    ShapeError if M is not square and exactly symmetric."""
     case = _Case(given=_symmetric(M), strict=True)
     if case.size == 0:
         return case.proved("no rows")
-    unknown = Definiteness(verdict=Verdict.UNDECIDED, method=case.named("shifted Cholesky in doubles"))
-    return _by_diagonal(case) or _by_shift(case) or _by_eigenvector(case) or unknown
+    unknown = Definiteness(verdict=Verdict.UNDECIDED, method=case.named("Cholesky factor in integers"))
+    return _by_diagonal(case) or _by_integers(case) or _by_eigenvector(case) or unknown
 
 
 def definiteness(matrix: object) -> Verdict:
@@ -224,12 +221,6 @@ def _by_vector(case: _Case) -> Definiteness | None:
     return case.proved(f"{beside}: integers v > 0 with M v {sign} 0", vector=found.vector)
 
 
-def _by_shift(case: _Case) -> Definiteness | None:
-    if not isinstance(case.scaled, Scaled) or not shifted_cholesky(case.scaled):
-        return None
-    return case.proved("shifted Cholesky in doubles (Rump)")
-
-
 def _by_integers(case: _Case) -> Definiteness | None:
     if not isinstance(case.scaled, Scaled) or not proves_by_integers(case.scaled):
         return None
@@ -286,7 +277,6 @@ def _symmetric(M: Matrix | Symmetric) -> Symmetric:
 _PATHS: Final[tuple[tuple[float, Callable[[_Case], Definiteness | None]], ...]] = (
     (math.inf, _by_diagonal),
     (math.inf, _by_vector),
-    (_RUMP_SIZE, _by_shift),
     (_DENSE_SIZE, _by_integers),
     (_DENSE_SIZE, _by_eigenvector),
     (_DENSE_SIZE, _by_lift),

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -80,11 +81,11 @@ def parse_number(value: object, *, key: str) -> Fraction:
         return Fraction(int(value))
     if isinstance(value, float):
         # float.__repr__ also for subclasses, whose own repr may be anything.
-        return _of_text(float.__repr__(value), value, key)
+        return read_text(float.__repr__(value), key=key, given=value)
     if isinstance(value, np.floating):
-        return _of_text(np.format_float_scientific(value, trim="-"), value, key)
+        return read_text(np.format_float_scientific(value, trim="-"), key=key, given=value)
     if isinstance(value, (str, Decimal)):
-        return _of_text(str(value), value, key)
+        return read_text(str(value), key=key, given=value)
     raise _refusal(key, value, f"must be {_EXAMPLES}")
 
 
@@ -100,7 +101,33 @@ def number_text(value: Fraction) -> str:
     is a decimal, the decimal is returned ("1e-300"); reading the text always gives the number back."""
     quotient = quotient_text(value)
     long = max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS
-    return quotient if long or len(quotient) <= MAX_CHARACTERS else _decimal_text(value) or quotient
+    parts = None if long or len(quotient) <= MAX_CHARACTERS else decimal_parts(abs(value))
+    return quotient if parts is None else f"{'-' if value < 0 else ''}{with_exponent(*parts)}"
+
+
+def decimal_parts(value: Fraction) -> tuple[str, int] | None:
+    """Return digits and exponent with value = digits 10^exponent >= 0, no 0 at the end; None if it is no decimal."""
+    places = MAX_CHARACTERS + MAX_EXPONENT  # no text gives more
+    scaled = value * 10**places
+    if scaled.denominator != 1:
+        return None
+    whole = str(scaled.numerator)
+    digits = whole.rstrip("0")
+    return (digits, len(whole) - len(digits) - places) if digits else ("0", 0)
+
+
+def without_exponent(digits: str, exponent: int) -> str:
+    """Return the number digits 10^exponent in plain digits."""
+    if exponent >= 0:
+        return digits + "0" * exponent
+    digits = digits.zfill(1 - exponent)
+    return f"{digits[:exponent]}.{digits[exponent:]}"
+
+
+def with_exponent(digits: str, exponent: int) -> str:
+    """Return the same with an exponent that parse_number takes."""
+    limited = max(-MAX_EXPONENT, min(MAX_EXPONENT, exponent))
+    return f"{without_exponent(digits, exponent - limited)}e{limited}"
 
 
 def quotient_text(value: Fraction) -> str:
@@ -159,21 +186,34 @@ def common_denominator(values: Iterable[Fraction], *, bits: int, start: int = 1)
     return common
 
 
-def _of_text(text: str, value: object, key: str) -> Fraction:
-    if len(text) > MAX_CHARACTERS:
-        raise _refusal(key, value, f"must have at most {MAX_CHARACTERS} characters")
+def read_text(text: str, *, key: str, longest: int = MAX_CHARACTERS, given: object = None) -> Fraction:
+    """Return the number of a text as ``parse_number`` takes it, of at most ``longest`` characters.  Raises: SpecError
+    for any other text; it shows what was ``given``, which need not be text."""
+    refusal = partial(_refusal, key, text if given is None else given)
+    if len(text) > longest:
+        raise refusal(f"must have at most {longest} characters")
     quotient = _QUOTIENT.fullmatch(text)
     if quotient:
-        if int(quotient[2]) == 0:
-            raise _refusal(key, value, "must have a denominator other than 0")
-        return Fraction(int(quotient[1]), int(quotient[2]))
+        denominator = _integer(quotient[2])
+        if not denominator:
+            raise refusal("must have a denominator other than 0")
+        return Fraction(_integer(quotient[1]), denominator)
     decimal = _DECIMAL.fullmatch(text)
     if not decimal:
-        raise _refusal(key, value, f"must be {_EXAMPLES}")
-    sign, whole, part, exponent = decimal[1], decimal[2], decimal[3] or "", int(decimal[4] or "0")
+        raise refusal(f"must be {_EXAMPLES}")
+    sign, whole, part, exponent = decimal[1], decimal[2], decimal[3] or "", _integer(decimal[4] or "0")
     if abs(exponent) > MAX_EXPONENT:
-        raise _refusal(key, value, f"must have an exponent from -{MAX_EXPONENT} to {MAX_EXPONENT}")
-    return Fraction(int(sign + whole + part)) * Fraction(10) ** (exponent - len(part))
+        raise refusal(f"must have an exponent from -{MAX_EXPONENT} to {MAX_EXPONENT}")
+    return Fraction(_integer(sign + whole + part)) * Fraction(10) ** (exponent - len(part))
+
+
+def _integer(digits: str) -> int:
+    """An integer of any length: Python itself refuses to read more than 4300 digits at once."""
+    if len(digits) <= MAX_CHARACTERS:
+        return int(digits)
+    from flint import fmpz
+
+    return int(fmpz(digits.removeprefix("+")))
 
 
 def _refusal(key: str, value: object, must: str, shown: str | None = None) -> SpecError:
@@ -184,20 +224,3 @@ def _refusal(key: str, value: object, must: str, shown: str | None = None) -> Sp
             shown = type(value).__name__
     shown = shown if len(shown) <= 60 else shown[:57] + "..."
     return wrong(key, f"{must}; got {shown}.")
-
-
-def _decimal_text(value: Fraction) -> str | None:
-    """Return the value with an exponent that parse_number takes, or None if it is no decimal."""
-    places = MAX_CHARACTERS + MAX_EXPONENT  # no text gives more
-    scaled = abs(value) * 10**places
-    if scaled.denominator != 1:
-        return None
-    digits = str(scaled.numerator).rstrip("0")
-    exponent = len(str(scaled.numerator)) - len(digits) - places
-    if exponent > MAX_EXPONENT:
-        digits, exponent = digits + "0" * (exponent - MAX_EXPONENT), MAX_EXPONENT
-    if exponent < -MAX_EXPONENT:
-        places = -MAX_EXPONENT - exponent
-        digits = digits.zfill(places + 1)
-        digits, exponent = f"{digits[:-places]}.{digits[-places:]}", -MAX_EXPONENT
-    return f"{'-' if value < 0 else ''}{digits}e{exponent}"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -128,7 +128,7 @@ def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) ->
     if isinstance(certified, Check):
         certified = _claim_of(problem, certified, W)
     if isinstance(certified, Shell):
-        certified = replace(certified.lure, level=certified.outer, rate=certified.rate)
+        certified = certified.whole
     if isinstance(certified, Separable):
         if len(certified.v) != problem.n:
             raise wrong("certified", f"must have one v per agent ({problem.n}); got {len(certified.v)}.", cure)

@@ -15,7 +15,6 @@ from dobc_design.exact.cholesky import (
     decide_lifted,
     proves_by_integers,
     scaled,
-    shifted_cholesky,
 )
 from dobc_design.exact.definite import decide_positive_definite, decide_quickly, first_refuting, roundings
 from dobc_design.exact.symmetric import IntegerSymmetric
@@ -34,11 +33,6 @@ def by_fractions(matrix: np.ndarray) -> Verdict | None:
 
 def by_flint(matrix: np.ndarray) -> Verdict | None:
     return _eliminated(matrix, flint=True) if len(matrix) <= FLINT_MOST else None
-
-
-def by_shift(matrix: np.ndarray) -> Verdict:
-    S = scaled(IntegerSymmetric.from_floats(matrix))
-    return PROVED if isinstance(S, Scaled) and shifted_cholesky(S) else UNDECIDED
 
 
 def by_quick(matrix: np.ndarray) -> Verdict:
@@ -82,7 +76,6 @@ def _eliminated(matrix: np.ndarray, *, flint: bool) -> Verdict:
 PATHS: dict[str, Path] = {
     "LDL' in Fractions": by_fractions,
     "LDL' in flint": by_flint,
-    "shifted Cholesky": by_shift,
     "quick": by_quick,
     "integer rest": by_integers,
     "vector": by_vector,

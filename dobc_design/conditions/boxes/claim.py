@@ -12,7 +12,7 @@ exactly; the rest is float64 with a bound of all rounding.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any, Final
 
@@ -60,6 +60,11 @@ class Shell:
             raise SpecError("outer must be at least the level of the inner certificate, and half > 0.", key="outer")
         if not 0 <= self.rate <= self.lure.rate:
             raise SpecError("rate must be >= 0 and at most that of the inner certificate.", key="rate")
+
+    @property
+    def whole(self) -> Lure:
+        """Its V with the outer level, and the rate there; not a certificate by itself."""
+        return replace(self.lure, level=self.outer, rate=self.rate)
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check.  Raises: ValueError for a rate other than the inner one."""

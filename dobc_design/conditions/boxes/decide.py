@@ -5,7 +5,6 @@ Theory, section 4.  docs/certificate-claims.md, "Regions", fixes the form of the
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
@@ -102,10 +101,9 @@ def exhaustive_check(
     decision = verify_shell(problem, shell)
     if decision.verdict is not Verdict.PROVED:
         return undecided_check("exhaustive", domain, decision.reason)
-    outer = replace(shell.lure, level=shell.outer)
-    if not covers(problem, outer, radius=claimed(radius), disturbance=claimed(disturbance)):
+    if not covers(problem, shell.whole, radius=claimed(radius), disturbance=claimed(disturbance)):
         return undecided_check("exhaustive", domain, "the ball asked for is not inside the invariant set.")
-    decrease = quadratic.decrease_in_words(problem, outer, radius, disturbance)
+    decrease = quadratic.decrease_in_words(problem, shell.whole, radius, disturbance)
     return Check(
         id="exhaustive",
         verdict=Verdict.PROVED,
@@ -125,7 +123,7 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
     if reason is not None:
         return reason
     shell = read_claim(check, problem, W)
-    if not quadratic.ball_is_inside(problem, replace(shell.lure, level=shell.outer), check.domain):
+    if not quadratic.ball_is_inside(problem, shell.whole, check.domain):
         return "the ball is not inside the invariant set"
     return quadratic.not_shown(check, problem, shell.lure, verify_shell(problem, shell))
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
@@ -101,5 +100,4 @@ def _grown(asked: Asked, shape: Shape, rate: Fraction, *, beyond: float) -> Shel
 
 
 def _ball(asked: Asked, shell: Shell) -> float:
-    outer = replace(shell.lure, level=shell.outer)
-    return certified_ball(asked.problem, outer, disturbance=asked.disturbance)
+    return certified_ball(asked.problem, shell.whole, disturbance=asked.disturbance)

@@ -241,16 +241,12 @@ def lemma1(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: in
     entries: Entries = {}
     for (i, j), value in linearisation(jacobian, pinning, dimension).items():
         add_to(entries, i, j, 2 * value if i == j else value)
-    deviations = (
-        ()
-        if jacobian.is_point
-        else tuple(
-            Deviation(i * dimension + c, j * dimension + d, i * dimension + d, slope.width / 2)
-            for (i, j, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True)
-            for c, row in enumerate(jacobian.gains[kind])
-            for d, slope in enumerate(row)
-            if not slope.is_point
-        )
+    deviations = tuple(
+        Deviation(i * dimension + c, j * dimension + d, i * dimension + d, slope.width / 2)
+        for (i, j, _), kind in zip(jacobian.arcs, jacobian.kind.tolist(), strict=True)
+        for c, row in enumerate(jacobian.gains[kind])
+        for d, slope in enumerate(row)
+        if not slope.is_point
     )
     return Pencil(
         name=f"lemma1 ({jacobian.name})",

@@ -21,7 +21,6 @@ from dobc_design.conditions.consensus.propose import float_lambda, largest_eigen
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.program import Array
 
 CANDIDATES = 200  # agents that are tried one by one, if a try is cheap
 FEWEST = 10  # if it is not
@@ -163,7 +162,7 @@ def _candidates(blocks: Blocks, problem: Problem) -> list[int]:
     if len(common) <= most:
         return sorted(common)
     free = np.array(sorted(set(range(problem.n)) - pins))
-    weights = _weights(blocks, free)
+    weights = pinning.slowest_on(blocks, free)
     order = free[np.argsort(-np.round(weights / np.max(weights, initial=1e-300), 6), kind="stable")].tolist()
     return [agent for agent in order if agent in common][:most]
 
@@ -171,14 +170,6 @@ def _candidates(blocks: Blocks, problem: Problem) -> list[int]:
 def _affordable(size: int, *, times: int = 1) -> int:
     """How many agents to try, so many ``times``, where each costs one solve of this size."""
     return max(FEWEST, min(CANDIDATES, WORK // (times * max(1, size) ** 2)))
-
-
-def _weights(blocks: Blocks, agents: Array) -> Array:
-    """How much each of these agents carries of the slowest direction of the worst block."""
-    rows = rows_of(agents, blocks.width)
-    vector = min((pinning.lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
-    weights: Array = np.max(np.abs(vector.reshape(len(agents), blocks.width)), axis=1)
-    return weights
 
 
 def small_set(blocks: Blocks, problem: Problem, *, progress: Progress | None = None) -> tuple[int, ...]:
@@ -194,7 +185,7 @@ def small_set(blocks: Blocks, problem: Problem, *, progress: Progress | None = N
         if progress is not None:
             progress(f"choosing agents to pin ({len(chosen)} so far)")
         most = max(1, min(LOOKED_AT, GREEDY_WORK // problem.n**2))
-        heavy = free[np.argsort(-_weights(blocks, free), kind="stable")][:most].tolist()
+        heavy = free[np.argsort(-pinning.slowest_on(blocks, free), kind="stable")][:most].tolist()
         chosen.append(max(heavy, key=lambda agent: fastest_rate(blocks, (*pins, *chosen, agent))))
     for agent in [a for a in chosen if a not in needed]:
         others = [other for other in chosen if other != agent]

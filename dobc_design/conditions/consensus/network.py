@@ -174,7 +174,7 @@ def find_witness(
     for support, candidate in sorted(supports, key=lambda pair: len(pair[0])):
         if not support or len(candidate) != matrix.middle.size or not allowed >= set(support):
             continue
-        for vector in _roundings(candidate):
+        for vector in rounded(candidate):
             if refutes(matrix, vector):
                 return vector
         if len(support) < matrix.middle.size and len(support) <= LARGEST_SUPPORT:
@@ -197,10 +197,11 @@ def _eliminated(matrix: Enclosed, rows: Sequence[int]) -> Vector | None:
     return tuple(values.get(row, ZERO) for row in range(matrix.middle.size))
 
 
-def _roundings(candidate: Sequence[float]) -> Iterable[Vector]:
+def rounded(candidate: Sequence[float], *, finest: Sequence[int] = ()) -> Iterable[Vector]:
+    """A direction in small integers, the coarsest first; 0 is left out.  ``finest``: further largest entries."""
     largest = max(map(abs, candidate), default=0.0)
     if 0 < largest < math.inf:
-        for top in TOPS:
+        for top in (*TOPS, *finest):
             vector = tuple(Fraction(round(x / largest * top)) for x in candidate)
             if any(vector):
                 yield vector

@@ -252,6 +252,14 @@ def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
     return -top.value, top.vector
 
 
+def slowest_on(blocks: Blocks, agents: Array) -> Array:
+    """How much each of these agents carries of the slowest direction of the worst block."""
+    rows = rows_of(agents, blocks.width)
+    vector = min((lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
+    weights: Array = np.max(np.abs(vector.reshape(len(agents), blocks.width)), axis=1)
+    return weights
+
+
 def _alike(blocks: Blocks, chosen: Any) -> Array | None:
     """One gain for all chosen agents, by bisection; None if the largest one tried does not do."""
     indicator = np.repeat(chosen.astype(np.float64), blocks.width)

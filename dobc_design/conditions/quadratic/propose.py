@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
+from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -48,6 +49,7 @@ NEAR: Final = 1e-6  # |e_j - e_i| at which couplings are as good as linear
 FIRST: Final = (1.0, 0.1, 1e-2, 1e-4, 1e-6)  # radii at which the first centre is looked for
 GROWTH: Final = 0.9  # part of the room that is used at every step
 SETTLED: Final = 3e-4
+FASTER: Final = 3e-3  # a rate that grows by a smaller part of itself is as good as the largest
 MOST_CENTRES: Final = 60
 TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
 CONDITION: Final = 100.0
@@ -59,13 +61,13 @@ _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
 _NOT_NEEDED: Final = 1e4
 
 
-def roomy_gains(coupling: Coupling, radius: Fraction, *, room: Fraction = ROOM) -> Gain:
+def roomy_gains(coupling: Coupling, radius: Fraction) -> Gain:
     """``gains_on``, a little wider where h is not linear, for whoever encloses them in another way."""
     entries = gains_on(coupling, radius)
     if coupling.is_linear:
         return entries
     return tuple(
-        tuple(Interval(gain.lo - room * gain.magnitude, gain.hi + room * gain.magnitude) for gain in row)
+        tuple(Interval(gain.lo - ROOM * gain.magnitude, gain.hi + ROOM * gain.magnitude) for gain in row)
         for row in entries
     )
 
@@ -105,6 +107,27 @@ def design_lure(
         return None
     # enclosures in the search only where the samples have misled
     return next(filter(holds, replace(search, sampled=False).candidates(float(largest))), None)
+
+
+def fast_lures(
+    problem: Problem, *, radius: float | None, W: Matrix | None, observer: Fraction, rates: tuple[float, float]
+) -> Iterator[Lure]:
+    """Certificates at a radius (None: couplings are linear) with rates between two (1/s), the largest first.
+    ``observer``: a rate at which there is a pair for W; no certificate has a larger one."""
+    pair = None if W is None else scaled_pair(problem, W, rate=observer, disturbance=ZERO)
+    if W is not None and pair is None:
+        return
+    search = _Search(
+        problem=problem,
+        templates=programs.make_templates(problem),
+        enclose=roomy_gains,
+        basis=make_basis(problem.n * problem.m, "full"),
+        pair=pair,
+        rate=rounded_down(rates[0], digits=6),
+        sampled=True,
+    )
+    for there, point in reversed(list(islice(search.faster(radius, rates[1]), MOST_CENTRES))[1:]):
+        yield from there.roundings(point)
 
 
 def bound_lure(
@@ -298,7 +321,7 @@ class _Search:
         S = None if self.pair is None else self.pair.S
         return None if gains is None else float_loop(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
 
-    def inside(self, point: _Point, radius: float) -> bool:
+    def inside(self, point: _Point, radius: float | None) -> bool:
         """Whether the inequalities hold at another radius with the same unknowns."""
         loop = self.loop(radius)
         if loop is None or loop.multipliers != len(point.t):
@@ -389,6 +412,21 @@ class _Search:
             found = self.centred(step, found)
         return path
 
+    def faster(self, radius: float | None, fastest: float) -> Iterator[tuple[_Search, _Point]]:
+        """Centres at growing rates, at a radius, from this rate on; none if there is none at this rate."""
+        search, point = self, self.centred(radius, None)
+        while point is not None:
+            yield search, point
+            rate, low, high = float(search.rate), float(search.rate), fastest
+            while high - low > FASTER / 4 * high:
+                middle = (low + high) / 2
+                there = replace(search, rate=rounded_down(middle, digits=6))
+                low, high = (middle, high) if there.inside(point, radius) else (low, middle)
+            if low <= rate * (1 + FASTER):
+                return
+            search = replace(search, rate=rounded_down(rate + GROWTH * (low - rate), digits=6))
+            point = search.centred(radius, point)
+
     def _limit(self, point: _Point, radius: float, largest: float) -> float:
         """The largest radius for which the same unknowns do, about, from below."""
         low, high = radius, 2 * radius
@@ -431,9 +469,9 @@ class _Search:
             points = [*self.largest_balls(path)[:BALLS]] if path else []
         for point in points:
             if point is not None:
-                yield from self._roundings(point)
+                yield from self.roundings(point)
 
-    def _roundings(self, point: _Point) -> Iterator[Lure]:
+    def roundings(self, point: _Point) -> Iterator[Lure]:
         """Certificates near a point, the shortest numbers first, with lambda_max(P_e) about 1."""
         problem, pair, loop = self.problem, self.pair, self.loop(point.radius)
         radius = None if point.radius is None else rounded_down(point.radius, digits=6)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import chain
+from itertools import chain, product
 from typing import Any, Final
 
 from dobc_design.conditions.check import Check, undecided_check
@@ -43,6 +43,7 @@ MOST_ROWS: Final = 100
 #: A start counts as settled, where no tolerance is named, when every |e_ic| is below this part of the radius.
 SETTLED: Final = Fraction(1, 100)
 RADII: Final = (0.03, 0.08, 0.16, 0.25)  # of quadratic stages, as parts of the first level
+LONGER: Final = Fraction(3, 1000)  # a settling time, for every further stage: short chains are worth that
 ROOM: Final = Fraction(9999, 10000)  # of a rate, so that simpler enclosures confirm it too
 DIGITS: Final = 10  # of levels, noises and factors
 EXTRA: Final = Fraction(1, 10**9)  # added to them, for whoever encloses exp more widely
@@ -188,16 +189,19 @@ class Goal:
         level = decide.next_level(problem, before, draft)
         return replace(draft, level=_up((sqrt(level) if draft.is_quadratic else level).hi))
 
+    def time(self, stages: Sequence[Stage]) -> Fraction:
+        """The settling time (s) of a chain."""
+        return _when(stages[-1], self.asked.tolerance / stages[-1].height)
+
     def proved(self, stages: Sequence[Stage]) -> Staging | None:
         """The chain with its settling time, if ``verify_staging`` proves it."""
-        radius, disturbance, tolerance = self.asked.radius, self.asked.disturbance, self.asked.tolerance
-        time = _when(stages[-1], tolerance / stages[-1].height)
-        staging = Staging(stages=tuple(stages), radius=radius, disturbance=disturbance, tolerance=tolerance, time=time)
+        asked = {"radius": self.asked.radius, "disturbance": self.asked.disturbance, "tolerance": self.asked.tolerance}
+        staging = Staging(stages=tuple(stages), time=self.time(stages), **asked)
         return staging if decide.verify_staging(self.problem, self.W, staging).verdict is Verdict.PROVED else None
 
 
 def _staged(goal: Goal, plan: SeparablePlan, progress: Progress) -> list[Staging | None]:
-    """Chains with quadratic stages and without them; None for one that is not proved."""
+    """The quickest chain with quadratic stages, and that without them; None for one that is not proved."""
     problem = goal.problem
     progress("looking for quadratic stages")
     quadratics = propose.propose_quadratic_stages(
@@ -208,26 +212,25 @@ def _staged(goal: Goal, plan: SeparablePlan, progress: Progress) -> list[Staging
         slowest=plan.rate,
     )
     progress("choosing the stages")
-    fastest = math.inf if plan.error is None else float(propose.SHARE * plan.error.beta)
-    tolerance = goal.asked.tolerance
-    paths = propose.plan_stages(problem, rho=plan.rho, tolerance=tolerance, fastest=fastest, quadratics=quadratics)
-    chains = [_joined(goal, plan, path) for path in paths]
-    progress("deciding the hand-overs")
-    return [goal.proved(stages) for stages in chains if stages]
-
-
-def _joined(goal: Goal, plan: SeparablePlan, path: propose.StagePlan) -> list[Stage]:
-    """The stages of a path, exactly; empty if the first one is not proved, others that are not are left out."""
     stages: list[Stage] = []
-    for v, rho in path.separable:
-        claim = _claim(goal.problem, v, rho, plan.error, first=not stages)
-        if claim is not None:
+    fastest = math.inf if plan.error is None else float(propose.SHARE * plan.error.beta)
+    for v, rho in propose.plan_stages(problem, rho=plan.rho, tolerance=goal.asked.tolerance, fastest=fastest):
+        claim = _claim(problem, v, rho, plan.error, first=not stages)
+        if claim is not None:  # one that is not proved is left out
             stages.append(goal.following(stages[-1], claim) if stages else goal.first(claim))
         elif not stages:
             return []
-    for lure in path.quadratic:
-        stages.append(goal.following(stages[-1], lure))
-    return stages
+    if not stages:
+        return []
+    chains = [stages]
+    for count, first in product(range(1, len(stages) + 1), range(len(quadratics))):
+        joined = stages[:count]
+        for lure in quadratics[first::-1]:  # the largest radius first
+            joined.append(goal.following(joined[-1], lure))
+        chains.append(joined)
+    progress("deciding the hand-overs")
+    quickest = min(chains, key=lambda each: goal.time(each) * (1 + LONGER) ** len(each))
+    return [goal.proved(each) for each in ([quickest] if quickest is stages else [quickest, stages])]
 
 
 def _claim(problem: Problem, v: Vector, level: Fraction, error: ErrorBound | None, *, first: bool) -> Separable | None:

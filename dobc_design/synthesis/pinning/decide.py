@@ -12,7 +12,7 @@ V proves it: M = J - K has no negative entry off its diagonal, so M w >= -r w fo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations, product
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, jacobians_at_consensus
-from dobc_design.conditions.consensus.network import TOPS, Enclosed, find_witness, is_negative, name_agents, refutes
+from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, name_agents, refutes, rounded
 from dobc_design.conditions.numbers import rounded_up
 from dobc_design.conditions.statement import Statement, refuted
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
@@ -121,19 +121,12 @@ def obstacle_to(
         matrix = Enclosed(middle=enclosed.middle + added, deviations=enclosed.deviations)
         own = [v for name, v in candidates if name == mode and len(v) == size]
         fitting = [[x if row // m not in free else 0.0 for row, x in enumerate(v)] for v in own]
-        vector = next((v for v in _rounded(fitting) if refutes(matrix, v)), None)
+        vector = next((v for x in fitting for v in rounded(x, finest=(10**9,)) if refutes(matrix, v)), None)
         if vector is None and len(rows) <= LARGEST:
             vector = find_witness(matrix, fitting, rows=rows)
         if vector is not None:
             return mode, vector
     return None
-
-
-def _rounded(candidates: Iterable[Sequence[float]]) -> Iterator[Vector]:
-    for candidate in candidates:
-        largest = max((abs(x) for x in candidate), default=0.0)
-        for top in (*TOPS, 10**9) if 0 < largest < float("inf") else ():
-            yield tuple(Fraction(round(x / largest * top)) for x in candidate)
 
 
 def _shown(upper: Symmetric, hints: Sequence[Sequence[float]]) -> bool:

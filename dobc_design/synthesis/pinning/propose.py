@@ -148,10 +148,8 @@ class PinningProposer:
 
     def _heaviest(self, blocks: pinning.Blocks, chosen: Sequence[int], free: Collection[int]) -> list[int]:
         others = np.setdiff1d(np.arange(blocks.agents), list(chosen))
-        rows = rows_of(others, blocks.width)
-        vector = min((pinning.lowest_on(table, rows) for table in blocks.tables), key=lambda found: found[0])[1]
         weight = np.zeros(blocks.agents)
-        weight[others] = np.max(np.abs(vector.reshape(len(others), blocks.width)), axis=1)
+        weight[others] = pinning.slowest_on(blocks, others)
         order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
         return order[: 40 if blocks.agents <= 60 else 8]
 

@@ -232,7 +232,7 @@ LIMITS = [
     (FORMAT, "trees of up to {} characters", quadratic.LETTERS),
     (FORMAT, "at most {} times further", quadratic.FURTHER),
     (FORMAT, "into at most {} pieces more", quadratic.PIECES),
-    ("docs/comparison.md", "with at most {} of them", stage.MOST_BOXES),
+    ("docs/comparison.md", "into at most {} boxes", stage.MOST_BOXES),
 ]
 
 

@@ -54,7 +54,7 @@ def simulate(
     verbose: output.Verbose = False,
     as_json: output.Json = False,
 ) -> None:
-    """Simulate runs of the closed loop; a run that diverges is an answer and leaves with 0, too."""
+    """Simulate runs of the closed loop; the exit code is 0 even if a run diverges."""
     from dobc_design.certificate.files import make_folder, write_atomically
     from dobc_design.problem.load import load_problem
     from dobc_design.simulation.breaking import what_breaks_first
@@ -205,7 +205,7 @@ def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
         named = [f"{each} {nothing if value is None else f'{value:.4g}{unit}'}" for each, value in values.items()]
         lines.append(f"  {title:<22} {', '.join(named).strip()}")
     for name, interval in document.get("intervals", {}).items():
-        words = f"no bound with {document['runs']} runs"
+        words = f"no confidence interval with {document['runs']} runs"
         if interval is not None:
             words = f"{interval[0]:.4g} to {interval[1]:.4g}, with 95 % confidence"
         lines.append(f"  {name.replace('_', ' '):<22} {words}")

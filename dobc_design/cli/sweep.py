@@ -50,7 +50,7 @@ def sweep_command(
     verbose: output.Verbose = False,
     as_json: output.Json = False,
 ) -> None:
-    """Certify or simulate a problem with some keys varied: in parallel, resumable, nothing done twice."""
+    """Certify or simulate a problem with some keys varied: in parallel; a stopped sweep continues."""
     from dobc_design.certificate.files import write_atomically
     from dobc_design.problem.load import load_problem
     from dobc_design.sweeps.result import HEAD, LINES

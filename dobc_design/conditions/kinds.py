@@ -207,7 +207,7 @@ _ROWS: Final = (
         proved="Every start with |e| <= R and |eps_i| <= s reaches the target under arbitrary switching, R and s as"
         " the domain says; V = max |e_i|/v_i + kappa max sqrt(eps_i' P eps_i) decays at the rate, and no such start"
         " leaves {V <= rho}.",
-        refuted="No v does it: each of the agents named has a mode in which it is not pinned and hears nobody outside"
+        refuted="No v exists: each agent named has a mode in which it is not pinned and hears nobody outside"
         " their group. Consensus may still hold for signals that leave those modes.",
         source="Beyond the paper; theory, section 5. The paper claims as much from a condition at one point.",
     ),

@@ -101,7 +101,7 @@ def test_a_run_that_diverges_is_an_answer(dobc):
     assert "... and" in out
     assert "settled to 1 % after   median never, max never\n" in out
     assert "probability of divergence 0." in out
-    assert "median final error     no bound" in out
+    assert "median final error     no confidence interval" in out
 
 
 @pytest.mark.parametrize(

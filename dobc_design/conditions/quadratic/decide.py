@@ -199,7 +199,7 @@ def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
     for mode, arcs in problem.network.modes.items():
         if alone := unreached(problem, [arcs]):
             who = name_agents([problem.network.labels[i] for i in alone])
-            return f"does not apply: in mode {mode} no pin reaches {who}; moved together, they stay where they are."
+            return f"does not apply: in mode {mode} no pin reaches {who}; a common error of theirs does not decay."
     return None
 
 

@@ -78,11 +78,11 @@ def stuck_check(problem: Problem, W: Matrix | None, *, domain: str) -> Check | N
     if obstacle(problem, W) is not None or ordering.exists:
         return None
     labels = tuple(problem.network.labels[agent] for agent in ordering.stuck)
-    reason = f"no v does: each of {name_agents(labels)} has a mode in which it is not pinned and hears nobody outside"
-    reason += " this group."
+    reason = f"no weights v exist because of {name_agents(labels)}: each agent named has a mode in which it is not"
+    reason += " pinned and hears nobody outside this group."
     if len(problem.network.modes) > 1 and len(labels) <= _SHOWN:
         told = ", ".join(f"{label} in {mode}" for label, mode in zip(labels, ordering.blocking, strict=True))
-        reason = f"no common v does, as these are not pinned and hear nobody but each other: {told}."
+        reason = f"no common weights v exist: these agents are not pinned and hear only each other: {told}."
     witness = Witness(kind="agents", labels=labels)
     return Check(id="max-separable", verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness)
 

@@ -459,9 +459,9 @@ def pins_words(problem: Problem, structure: Structure, pinned: Sequence[int], *,
     labels, groups = problem.network.labels, structure.groups
     if len(pinned) == structure.least:
         if len(groups) > 1:
-            why = f"{len(groups)} groups listen to nobody outside, so fewer pins cannot do"
+            why = f"{len(groups)} groups listen to nobody outside, and each needs a pin"
         elif len(groups[0]) == problem.n:
-            why = "one pin has to be: moved together, unpinned agents stay moved. No more were needed"
+            why = "at least one is needed, or the group can drift as a whole. No more were needed"
         else:
             hears = "listens" if len(groups[0]) == 1 else "listen"
             who = name_agents([labels[i] for i in groups[0]])

@@ -187,8 +187,8 @@ def structural_obstacle(problem: Problem, pins: int | str | None, structure: Str
     if structure.unmet is not None:
         listen = "listens" if len(structure.unmet) == 1 else "listen"
         group = [labels[i] for i in structure.unmet]
-        text = f"consensus{always} is out of reach with pins on the allowed agents only: {name_agents(group)} {listen}"
-        text += f" to nobody else{where}, and no pin may be put there, so moved together they stay moved{lasts}."
+        text = f"consensus{always} is impossible with pins on the allowed agents only: {name_agents(group)} {listen}"
+        text += f" to nobody else{where}, and may not be pinned, so a common error of theirs does not decay{lasts}."
         return refuted("structure", text, group=", ".join(group))
     if isinstance(pins, int) and pins < structure.least:
         groups = structure.apart if len(structure.apart) > pins else structure.groups

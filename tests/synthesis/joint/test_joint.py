@@ -164,7 +164,7 @@ def test_wrong_arguments_are_named_all_at_once():
 def test_a_design_says_what_was_decided_and_what_each_limit_costs():
     found = dd.design(ring(3, region=BOX, name="<script>"), rate="0.2")
     text = str(found)
-    assert "Pinned: agent 1; one pin has to be" in text
+    assert "Pinned: agent 1; at least one is needed" in text
     assert "Gains: k = " in text
     assert "Price of the rate" in text
     assert "<script" not in found._repr_html_()

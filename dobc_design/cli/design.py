@@ -19,7 +19,7 @@ def design(
     file: output.File,
     out: Annotated[Path, typer.Option(help="Write the designed problem here, a new .toml file.")],
     rate: Annotated[str | None, typer.Option(help="The certified decay rate to be reached, in 1/s.")] = None,
-    pins: Annotated[str | None, typer.Option(help="At most so many pinned agents; default as few as it takes.")] = None,
+    pins: Annotated[str | None, typer.Option(help="Largest number of pinned agents; default: the fewest.")] = None,
     max_gain: Annotated[str | None, typer.Option("--max-gain", help="The largest pinning gain, in 1/s.")] = None,
     noise: Annotated[
         str | None, typer.Option(help="Bound on the gain from measurement noise to the estimated disturbance, in 1/s.")
@@ -29,7 +29,7 @@ def design(
     ] = None,
     digits: Annotated[int, typer.Option(help="Significant digits of W and of the gains.")] = 3,
     keep_exosystem: Annotated[
-        bool, typer.Option("--keep-exosystem", help="Never put the observable part in the exosystem's place.")
+        bool, typer.Option("--keep-exosystem", help="Never replace the exosystem by its observable part.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --out.")] = False,
     quiet: output.Quiet = False,

@@ -44,7 +44,7 @@ def export(
     precision: Annotated[str | None, typer.Option(help="With --c: double (default) or float.")] = None,
     agent: Annotated[str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")] = None,
     certificate: Annotated[
-        Path | None, typer.Option(help="With --c: say whether its proved sampling period covers this one.")
+        Path | None, typer.Option(help="With --c: say whether this certificate proves the period.")
     ] = None,
     problem: Annotated[str | None, typer.Option(help="With --rocq: default problem.json beside it.")] = None,
     rate: Annotated[bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")] = False,

@@ -37,7 +37,7 @@ def simulate(
         str, typer.Option(help="closed-form, full-loop (the reference), or off: d is not compensated.")
     ] = "closed-form",
     noise: Annotated[float, typer.Option(help="Stress: standard deviation of measured states.")] = 0.0,
-    disturbance: Annotated[float, typer.Option(help="Stress: amplitude of a sine that no exosystem knows.")] = 0.0,
+    disturbance: Annotated[float, typer.Option(help="Stress: amplitude of a sine outside the exosystem.")] = 0.0,
     saturation: Annotated[float | None, typer.Option(help="Stress: bound on every component of u.")] = None,
     period: Annotated[float | None, typer.Option(help="Stress: sample and hold, every so many s.")] = None,
     loss: Annotated[float, typer.Option(help="Stress: probability that a packet is lost.")] = 0.0,
@@ -69,7 +69,7 @@ def simulate(
     single = runs in (None, 1)
     if breaking and (not stress.is_calm or not single or observer != "closed-form"):
         what = "--observer" if observer != "closed-form" else "--runs" if stress.is_calm else "a stress"
-        does = "makes one run after another under every stress by itself"
+        does = "runs every stress separately"
         message = f"{what} must be left out beside --what-breaks-first, which {does}."
         raise SpecError(message, key="--what-breaks-first", cure="Leave one of the two out.")
     stages = output.Progress(quiet=quiet, verbose=verbose)

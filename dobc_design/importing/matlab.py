@@ -125,7 +125,7 @@ def _array(data: bytes, order: str, depth: int) -> tuple[str, Value]:
     body = parts[3:]
     if kind == CELL:
         if depth >= DEEPEST or len(body) != math.prod(shape):
-            raise _Broken("a cell array that does not hold what it says")
+            raise _Broken("a cell array of inconsistent size")
         return name, [_array(each.data, order, depth + 1)[1] for each in body]
     if kind == CHARACTERS:
         return name, _rows_of_text(body, shape, order)

@@ -528,7 +528,7 @@ def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):
     assert dobc("certify", "cured.toml", "--no-report").code == 0
     noted = write('notes = ["Agent 1 is pinned."]\n' + wrong, "noted.toml")
     ran = dobc("certify", noted, "--no-report", "--apply-fix", "other.toml")
-    assert ran.out.endswith("look at      its notes: they are kept as they were and may speak of what has changed\n")
+    assert ran.out.endswith("look at      its notes: they are unchanged and may describe the old problem\n")
     assert "Agent 1 is pinned." in Path("other.toml").read_text(encoding="utf-8")
 
 

@@ -98,7 +98,7 @@ def _needs(problem: Problem, W: Matrix | None, staging: Staging, k: int) -> Iter
 def proved_reason(staging: Staging) -> str:
     """What a proved chain says, in a sentence."""
     count = len(staging.stages)
-    how = "one certificate." if count == 1 else f"{count} certificates in turn."
+    how = "one certificate." if count == 1 else f"{count} certificates in sequence."
     return f"|e(t)|_inf <= {float(staging.tolerance):.4g} for all t >= {float(staging.time):.6g} s, by {how}"
 
 

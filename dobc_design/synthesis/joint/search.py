@@ -196,11 +196,11 @@ def _attempt(
     if best is not None:
         return best
     if tries:
-        text = f"{counted(tries, 'design')} were tried, none was proved to do; the last: {reason}"
+        text = f"{counted(tries, 'design')} were tried, and none was proved; the last: {reason}"
         return ground.nothing(Verdict.UNDECIDED, text)
     asked = "" if request.rate is None else f" at {typed_number(request.rate)} 1/s"
     what = "the consensus" if bare.region is None else "the region asked for"
-    text = f"no gains on the allowed agents were found that a proof of {what} reaches{asked}, and no proof that there"
+    text = f"no gains on the allowed agents were found for which {what} is proved{asked}, and no proof that there"
     return ground.nothing(Verdict.UNDECIDED, f"{text} are none.")
 
 

@@ -36,7 +36,7 @@ def design(
     verbose: output.Verbose = False,
     as_json: output.Json = False,
 ) -> None:
-    """Design observer gain, pinned agents and gains, proved for the problem; or prove that it is impossible."""
+    """Design observer gain, pinned agents and gains with a proof, or prove that the request is impossible."""
     from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import load_problem, source_text
     from dobc_design.synthesis import designs

@@ -46,7 +46,7 @@ def export(
     certificate: Annotated[
         Path | None, typer.Option(help="With --c: say whether this certificate proves the period.")
     ] = None,
-    problem: Annotated[str | None, typer.Option(help="With --rocq: default problem.json beside it.")] = None,
+    problem: Annotated[str | None, typer.Option(help="With --rocq: problem; default problem.json beside it.")] = None,
     rate: Annotated[bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
     as_json: output.Json = False,

@@ -34,7 +34,7 @@ def sweep_command(
     ],
     task: Annotated[str, typer.Option(help="certify or simulate every case.")] = "certify",
     samples: Annotated[int | None, typer.Option(help="Random samples of the keys with ~, per grid point.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
     runs: Annotated[int, typer.Option(help="With --task simulate: runs of every case.")] = 1,
     everything: Annotated[bool, typer.Option("--all", help="With --task certify: run every condition.")] = False,
     out: Annotated[Path | None, typer.Option(help="Folder, new or of this sweep; default ./NAME-sweep.")] = None,
@@ -50,7 +50,7 @@ def sweep_command(
     verbose: output.Verbose = False,
     as_json: output.Json = False,
 ) -> None:
-    """Certify or simulate a problem with some keys varied: in parallel; a stopped sweep continues."""
+    """Certify or simulate a problem for many values of some keys; a stopped sweep can be continued."""
     from dobc_design.certificate.files import write_atomically
     from dobc_design.problem.load import load_problem
     from dobc_design.sweeps.result import HEAD, LINES

@@ -45,7 +45,7 @@ class Kind(Shown):
     plain: str
     proved: str
     refuted: str
-    source: str = "Beyond the paper; theory, section 5."
+    source: str = "Beyond the paper; theory, Regions by a weighted maximum."
 
     def _card(self) -> Card:
         facts = [("proved", self.proved), ("refuted", self.refuted), ("source", self.source)]
@@ -78,7 +78,7 @@ class Kind(Shown):
 
 
 _BALL = "Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary switching."
-_REGION = "Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4."
+_REGION = "Beyond the paper: its Theorems 1 and 2 in a region; theory, Regions by quadratic functions."
 _observer = partial(Kind, topic="observer", role="part")
 _paper, _given = partial(Kind, topic="consensus", role="paper"), partial(Kind, topic="consensus", role="given")
 _timing = partial(Kind, topic="separable", role="timing")
@@ -130,7 +130,7 @@ _ROWS: Final = (
         plain="each agent is reached from an agent with k != 0",
         proved="A path of arcs leads from a pinned agent to every agent.",
         refuted="No pinned agent reaches the agents named: in this mode nothing pulls them to the target.",
-        source="Theory, section 2.",
+        source="Theory, When is there a pair P, Q?",
     ),
     _paper(
         id="lemma1",
@@ -209,7 +209,7 @@ _ROWS: Final = (
         " leaves {V <= rho}.",
         refuted="No v exists: each agent named has a mode in which it is not pinned and hears nobody outside"
         " their group. Consensus may still hold for signals that leave those modes.",
-        source="Beyond the paper; theory, section 5. The paper claims as much from a condition at one point.",
+        source="Beyond the paper (it has a condition at one point); theory, Regions by a weighted maximum.",
     ),
     _timing(
         id="delay",
@@ -273,7 +273,7 @@ _ROWS: Final = (
         plain="h(e) - (K (x) I) e = 0 for some e other than 0",
         proved="Never: that none is found does not mean that there is none.",
         refuted="Consensus fails in the region asked for: agents that start there, with exact estimates, stay there.",
-        source="Theory, section 5; format of certificates, overall verdict 2 (d).",
+        source="Format of certificates, The overall verdict, 2 (d).",
     ),
     Kind(
         id="settling",
@@ -288,7 +288,7 @@ _ROWS: Final = (
         proved="Every stage, every change of stage and every time is proved exactly, with a bound of the estimation"
         " error: from every start in the box |e| stays below the tolerance from that time on.",
         refuted="Never: that no stages are found does not exclude a shorter time.",
-        source="Theory, section 5, staging.",
+        source="Theory, Settling times.",
     ),
 )
 

@@ -321,7 +321,7 @@ def _undisturbed() -> Iterator[doc.Block]:
 def _disturbed(problem: Problem) -> Iterator[doc.Block]:
     P, Q, W = doc.Math("P > 0", "P > 0"), doc.Math("Q", "Q"), doc.Math("W = P⁻¹ Q", "W = P^{-1} Q")
     asks = ("Theorems 1 and 2 ask for matrices ", P, " and ", Q, ", with ", W, ", such that in every mode")
-    exactly = " is the Jacobian of the couplings. The size of the condition does not matter, because exactly"
+    exactly = " is the Jacobian of the couplings. An equivalent condition of smaller size is used:"
     yield doc.on_pages(doc.Text(asks))
     yield doc.Formula(_PSI, number="(18)", typst="psi")
     yield doc.Formula(_LAMBDA, typst="lambda")

@@ -214,8 +214,8 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
         yes = ["There is a neighbourhood of the target from which every agent goes to its goal."]
     if domain == "consensus":
         no = [
-            "It is local, a statement at the consensus. It names no radius: nothing is said about starts at a"
-            " given distance, not even when simulations from there look well."
+            "The proof is local: it holds near the target and states no radius. It says nothing about starts at a"
+            " given distance, even if simulations from there converge."
         ]
     if problem.groups:
         yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")

@@ -410,7 +410,7 @@ def test_piped_output_is_wide_and_a_narrow_terminal_has_the_reasons_below(dobc, 
     rows = [line for line in wide if line.startswith("hurwitz")]
     assert len(rows) == 1
     assert "A - WC is Hurwitz (given W): the estimation error decays at least like exp(" in rows[0]
-    assert any("from every start asked for" in line for line in wide[:5])
+    assert any("from every start in the region" in line for line in wide[:5])
     monkeypatch.setenv("COLUMNS", "80")
     narrow = dobc("certify", "paper-fixed", "--no-report").out.splitlines()
     assert max(len(line) for line in narrow if not line.startswith("re-check")) <= 80

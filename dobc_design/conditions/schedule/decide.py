@@ -176,7 +176,7 @@ def _own(stage: Stage) -> Iterator[StagingAnswer]:
 def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[StagingAnswer]:
     """The starts lie in the first stage's level set, and that lies in its guard."""
     certificate, s = stage.certificate, staging.disturbance
-    outside = "not all starts asked for lie in its first level set."
+    outside = "its first level set does not contain all starts."
     if isinstance(certificate, Separable):
         room = stage.level - staging.radius / certificate.least
         yield _fact("start", room >= 0, outside)

@@ -224,14 +224,14 @@ LIMITS = [
     (PROBLEM_FILE, "integers up to {} or 1/2", tree.LARGEST_EXPONENT),
     (PROBLEM_FILE, "Numbers have at most {} digits", number.MAX_CHARACTERS),
     (PROBLEM_FILE, "digits and exponents up to {}.", number.MAX_EXPONENT),
-    (FORMAT, "files above {} MiB", text.MAX_BYTES // 2**20),
-    (FORMAT, "lone checker reads {} MiB", reading.MAX_BYTES // 2**20),
+    (FORMAT, "a file above {} MiB", text.MAX_BYTES // 2**20),
+    (FORMAT, "reads up to {} MiB", reading.MAX_BYTES // 2**20),
     (FORMAT, "with at most {} characters", numbers.LONGEST),
     (FORMAT, "with at most {} characters", reading.MAX_DIGITS),
     (FORMAT, "certificates of up to {} rows", quadratic.ROWS),
     (FORMAT, "trees of up to {} characters", quadratic.LETTERS),
-    (FORMAT, "at most {} times further", quadratic.FURTHER),
-    (FORMAT, "into at most {} pieces more", quadratic.PIECES),
+    (FORMAT, "at most {} more times", quadratic.FURTHER),
+    (FORMAT, "at most {} additional boxes", quadratic.PIECES),
     ("docs/comparison.md", "into at most {} boxes", stage.MOST_BOXES),
 ]
 

@@ -308,7 +308,7 @@ class _Gatherer:
     def _limit(self, check: Check, kind: str, *, covering: bool) -> str:
         if kind in ("box", "ball") and not covering:
             return " ".join(filter(None, [check.remark, self._turning(check)]))
-        near = "It is local: it holds close enough to the target and names no radius."
+        near = "It is local: it holds close enough to the target and states no radius."
         return "" if covering else {"near": near, "none": check.reason}.get(kind, "")
 
     def _turning(self, check: Check) -> str:

@@ -59,7 +59,7 @@ def certificate_bytes(claims: Claims) -> bytes:
 def read_claims(data: bytes) -> Claims:
     """Read certificate.json.  Raises CertificateError for anything that is not one."""
     if len(data) > MAX_BYTES:
-        raise CertificateError(f"the certificate is too large ({len(data)} bytes).", cure="It is not one of ours.")
+        raise CertificateError(f"the certificate is too large ({len(data)} bytes).", cure="Choose another file.")
     try:
         numbers = partial(json.loads, parse_float=_claimed_float, parse_constant=_no_constant)
         document = numbers(data.decode("utf-8"), object_pairs_hook=_no_duplicates)

@@ -306,7 +306,7 @@ def _printed(
     tries: list[tuple[Matrix, str]] = []
     for more in FACTORS if factor else ():
         a = rounded_up(Fraction(factor or 1) * Fraction(more))
-        why = "only its scale is wrong, and this is the smallest factor that does, rounded up."
+        why = "only its scale is wrong, and this is the smallest sufficient factor, rounded up."
         tries.append((scale(a, own), f"Multiply P by {_short(a)}: {why}"))
     if findings.P is not None:
         tries.append((findings.P, "Use the P that was found for this W, for which the condition is proved."))

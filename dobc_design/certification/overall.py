@@ -110,8 +110,8 @@ def _target_is_interior(problem: Problem) -> bool:
 def _proved_reason(problem: Problem, check: Check) -> str:
     switching = " under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
     pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s" if check.rate else ""
-    which = {"global": "", "consensus": " close enough to it"}.get(str(check.domain), " asked for")
-    local = " The proof is local: it names no radius." if check.domain == "consensus" else ""
+    which = {"global": "", "consensus": " close enough to it"}.get(str(check.domain), " in the region")
+    local = " The proof is local: it states no radius." if check.domain == "consensus" else ""
     return f"All agents reach the target from every start{which}{switching}{pace}.{local}"
 
 

@@ -127,7 +127,7 @@ def certify(
 def region(
     file: output.File,
     out: output.CertificateFolder = None,
-    everything: Annotated[bool, typer.Option("--all", help="Try every method, also when one covers.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Try every method, even if one suffices.")] = False,
     settling: output.Tolerance = None,
     search: output.Search = False,
     force: Annotated[bool, typer.Option("--force", help="Replace files in the folder of another problem.")] = False,

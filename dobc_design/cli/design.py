@@ -19,7 +19,7 @@ def design(
     file: output.File,
     out: Annotated[Path, typer.Option(help="Write the designed problem here, a new .toml file.")],
     rate: Annotated[str | None, typer.Option(help="The certified decay rate to be reached, in 1/s.")] = None,
-    pins: Annotated[str | None, typer.Option(help="At most so many pinned agents; default as few as it takes.")] = None,
+    pins: Annotated[str | None, typer.Option(help="Largest number of pinned agents; default: the fewest.")] = None,
     max_gain: Annotated[str | None, typer.Option("--max-gain", help="The largest pinning gain, in 1/s.")] = None,
     noise: Annotated[
         str | None, typer.Option(help="Bound on the gain from measurement noise to the estimated disturbance, in 1/s.")
@@ -29,14 +29,14 @@ def design(
     ] = None,
     digits: Annotated[int, typer.Option(help="Significant digits of W and of the gains.")] = 3,
     keep_exosystem: Annotated[
-        bool, typer.Option("--keep-exosystem", help="Never put the observable part in the exosystem's place.")
+        bool, typer.Option("--keep-exosystem", help="Never replace the exosystem by its observable part.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --out.")] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
     as_json: output.Json = False,
 ) -> None:
-    """Design observer gain, pinned agents and gains, proved for the problem; or prove that it is impossible."""
+    """Design observer gain, pinned agents and gains with a proof, or prove that the request is impossible."""
     from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import load_problem, source_text
     from dobc_design.synthesis import designs

@@ -44,9 +44,9 @@ def export(
     precision: Annotated[str | None, typer.Option(help="With --c: double (default) or float.")] = None,
     agent: Annotated[str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")] = None,
     certificate: Annotated[
-        Path | None, typer.Option(help="With --c: say whether its proved sampling period covers this one.")
+        Path | None, typer.Option(help="With --c: say whether this certificate proves the period.")
     ] = None,
-    problem: Annotated[str | None, typer.Option(help="With --rocq: default problem.json beside it.")] = None,
+    problem: Annotated[str | None, typer.Option(help="With --rocq: problem; default problem.json beside it.")] = None,
     rate: Annotated[bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
     as_json: output.Json = False,

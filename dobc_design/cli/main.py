@@ -68,7 +68,7 @@ def _completion(context: typer.Context, parameter: typer.CallbackParam, wanted: 
         except SystemExit as error:
             if error.code in (0, None):
                 raise typer.Exit(0) from error
-            message = "the shell that is running is none that can be completed."
+            message = "completion does not support the shell that is running."
             cure = "Run this in bash, zsh, fish or PowerShell."
             raise SpecError(message, key="--show-completion", cure=cure) from error
 
@@ -274,7 +274,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         output.complain(
             f"error: standard output cannot be written: {getattr(error, 'strerror', None) or error}.\n"
-            "       Send it to a file that has room, or to /dev/null; the exit code alone is no answer now."
+            "       Send it to a file on a disk with free space, or to /dev/null. This exit code is not a verdict."
         )
         code = output.MACHINE
     sys.exit(code)

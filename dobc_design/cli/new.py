@@ -38,7 +38,7 @@ def new(
     out: Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Begin a project: a problem file to be changed, a notebook and a test, all of which work as they stand."""
+    """Start a project: write a problem file to edit, a notebook and a test. All three work without changes."""
     from dobc_design.certificate.files import make_folder, write_together
 
     if _NAME.fullmatch(name) is None or len(name) > LONGEST:

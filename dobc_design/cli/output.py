@@ -61,17 +61,17 @@ def ids(incomplete: str) -> list[str]:
 
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON document on standard output.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors; the exit code is the answer.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only; the exit code is the answer.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Every stage as a line on standard error.")]
 File = Annotated[
     str, typer.Argument(help="A problem file, or the name of a built-in problem.", autocompletion=problem_names)
 ]
 CertificateFolder = Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME-certificate.")]
 Tolerance = Annotated[
-    str | None, typer.Option(metavar="TOL", help="Also prove from when on every |e_i| stays below TOL.")
+    str | None, typer.Option(metavar="TOL", help="Also prove a time from which every |e_i| stays below TOL.")
 ]
 TimeLimit = Annotated[
-    str | None, typer.Option("--time-limit", metavar="SECONDS", help="Leave out or cut off what would take longer.")
+    str | None, typer.Option("--time-limit", metavar="SECONDS", help="Skip or stop stages that would take longer.")
 ]
 Search = Annotated[bool, typer.Option("--search", help="Also look for starts that do not converge.")]
 
@@ -217,7 +217,7 @@ def verdict_text(verdict: str) -> Text:
 
 def certify_it(path: str, notes: Sequence[str]) -> str:
     """What to do with a problem that was written to ``path``."""
-    more = "\nlook at      its notes: they are kept as they were and may speak of what has changed" if notes else ""
+    more = "\nlook at      its notes: they are unchanged and may describe the old problem" if notes else ""
     return f"{path}\ncertify it   {shlex.join(['dobc', 'certify', path])}{more}"
 
 
@@ -352,7 +352,7 @@ def read_claims(certificate: Path, problem: Problem | None = None) -> Claims:
     except CertificateError as error:
         raise SpecError(error.message, key=error.key, cure=error.cure) from error
     if problem is not None and not verify(claims, problem).holds:
-        message = "--certificate must be one of this problem that holds; this one does not."
+        message = "--certificate must be a valid certificate of this problem; this one is not."
         raise SpecError(message, key="--certificate", cure="`dobc verify` says why; `dobc certify` makes a new one.")
     return claims
 

@@ -24,7 +24,7 @@ def report(
     out: Annotated[
         Path | None, typer.Option(help="Folder; default that of CERT, or for two ./NAME-NAME-comparison.")
     ] = None,
-    pdf: Annotated[Path | None, typer.Option("--pdf", help="Also as a PDF, to sign; needs dobc_design[pdf].")] = None,
+    pdf: Annotated[Path | None, typer.Option("--pdf", help="Also write a PDF; needs dobc_design[pdf].")] = None,
     full: Annotated[bool, typer.Option("--full", help="With all details open, also in the PDF.")] = False,
     latex: Annotated[
         Path | None, typer.Option("--latex", metavar="DIR", help="Also as LaTeX fragments and BibTeX, into DIR.")

@@ -37,9 +37,9 @@ def simulate(
         str, typer.Option(help="closed-form, full-loop (the reference), or off: d is not compensated.")
     ] = "closed-form",
     noise: Annotated[float, typer.Option(help="Stress: standard deviation of measured states.")] = 0.0,
-    disturbance: Annotated[float, typer.Option(help="Stress: amplitude of a sine that no exosystem knows.")] = 0.0,
+    disturbance: Annotated[float, typer.Option(help="Stress: amplitude of a sine outside the exosystem.")] = 0.0,
     saturation: Annotated[float | None, typer.Option(help="Stress: bound on every component of u.")] = None,
-    period: Annotated[float | None, typer.Option(help="Stress: sample and hold, every so many s.")] = None,
+    period: Annotated[float | None, typer.Option(help="Stress: period in s of sample and hold.")] = None,
     loss: Annotated[float, typer.Option(help="Stress: probability that a packet is lost.")] = 0.0,
     fail: Annotated[
         list[str] | None, typer.Option(help="Stress: LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
@@ -47,7 +47,7 @@ def simulate(
     breaking: Annotated[
         bool, typer.Option("--what-breaks-first", help="Make every stress worse until the loop no longer converges.")
     ] = False,
-    certificate: Annotated[Path | None, typer.Option(help="Show what this certificate proves beside the runs.")] = None,
+    certificate: Annotated[Path | None, typer.Option(help="Show the bounds that this certificate proves.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for arrays (.npz), figures and summary.json.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite files in --out.")] = False,
     quiet: output.Quiet = False,
@@ -69,7 +69,7 @@ def simulate(
     single = runs in (None, 1)
     if breaking and (not stress.is_calm or not single or observer != "closed-form"):
         what = "--observer" if observer != "closed-form" else "--runs" if stress.is_calm else "a stress"
-        does = "makes one run after another under every stress by itself"
+        does = "runs every stress separately"
         message = f"{what} must be left out beside --what-breaks-first, which {does}."
         raise SpecError(message, key="--what-breaks-first", cure="Leave one of the two out.")
     stages = output.Progress(quiet=quiet, verbose=verbose)

@@ -33,24 +33,24 @@ def sweep_command(
         ),
     ],
     task: Annotated[str, typer.Option(help="certify or simulate every case.")] = "certify",
-    samples: Annotated[int | None, typer.Option(help="How many draws of the keys with ~, at every grid point.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the draws.")] = 0,
+    samples: Annotated[int | None, typer.Option(help="Random samples of the keys with ~, per grid point.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
     runs: Annotated[int, typer.Option(help="With --task simulate: runs of every case.")] = 1,
     everything: Annotated[bool, typer.Option("--all", help="With --task certify: run every condition.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder of the sweep, new or begun; default ./NAME-sweep.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder, new or of this sweep; default ./NAME-sweep.")] = None,
     jobs: Annotated[int | None, typer.Option(help="Processes; default one per processor.")] = None,
     cluster: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, or local: a cluster on this machine.")
     ] = None,
     time_limit: Annotated[
-        str | None, typer.Option("--time-limit", help="Seconds after which a case is given up and the rest goes on.")
+        str | None, typer.Option("--time-limit", help="Time limit of one case in s; the other cases continue.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Begin anew, also in the folder of another sweep.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace the sweep in the folder, also another one.")] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
     as_json: output.Json = False,
 ) -> None:
-    """Certify or simulate a problem with some keys varied: in parallel; a stopped sweep continues."""
+    """Certify or simulate a problem for many values of some keys; a stopped sweep can be continued."""
     from dobc_design.certificate.files import write_atomically
     from dobc_design.problem.load import load_problem
     from dobc_design.sweeps.result import HEAD, LINES

@@ -45,7 +45,7 @@ class Kind(Shown):
     plain: str
     proved: str
     refuted: str
-    source: str = "Beyond the paper; theory, section 5."
+    source: str = "Beyond the paper; theory, Regions by a weighted maximum."
 
     def _card(self) -> Card:
         facts = [("proved", self.proved), ("refuted", self.refuted), ("source", self.source)]
@@ -78,7 +78,7 @@ class Kind(Shown):
 
 
 _BALL = "Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reaches the target under arbitrary switching."
-_REGION = "Beyond the paper, as its Theorems 1 and 2 hold in a region; theory, sections 1 and 4."
+_REGION = "Beyond the paper: its Theorems 1 and 2 in a region; theory, Regions by quadratic functions."
 _observer = partial(Kind, topic="observer", role="part")
 _paper, _given = partial(Kind, topic="consensus", role="paper"), partial(Kind, topic="consensus", role="given")
 _timing = partial(Kind, topic="separable", role="timing")
@@ -87,19 +87,19 @@ _ROWS: Final = (
     _observer(
         id="observability",
         name="Observability of (A,\xa0C)",
-        decides="whether every state of the disturbance generator shows in d = C ξ; then the estimate can be made as"
-        " fast as wanted",
+        decides="whether every state of the disturbance generator appears in d = C ξ; then W can give the estimate any"
+        " decay rate",
         title="Observability of the exosystem",
         statement=r"\operatorname{rank}\,[C;\ CA;\ \dots;\ CA^{q-1}] = q",
         plain="rank [C; CA; ...; CA^(q-1)] = q",
-        proved="The estimation error can be made to decay as fast as wanted by the choice of W.",
+        proved="With a suitable W the estimation error decays at any wanted rate.",
         refuted="A part of the exosystem never reaches the agents. Harmless if it decays; see detectability.",
         source="Paper, (12) and (17).",
     ),
     _observer(
         id="detectability",
         name="Detectability of (A,\xa0C)",
-        decides="whether what C does not see dies out by itself; an observer gain W that works exists exactly then",
+        decides="whether the states that C does not see decay by themselves; exactly then a suitable W exists",
         title="Detectability of the exosystem",
         statement=r"A \text{ is Hurwitz on } \bigcap_k \ker CA^k",
         plain="A is Hurwitz on the states that C never sees",
@@ -123,14 +123,14 @@ _ROWS: Final = (
         topic="consensus",
         role="part",
         name="Every agent hears a pin",
-        decides="whether information from a pinned agent reaches everybody; agents that it does not reach are held by"
-        " nothing",
+        decides="whether every agent hears a pinned agent, directly or through others; nothing pulls the others to the"
+        " target",
         title="Every agent hears a pinned agent",
         statement=r"\text{each agent is reached from } \{i : k_i \ne 0\}",
         plain="each agent is reached from an agent with k != 0",
-        proved="The graph does not stand in the way.",
+        proved="A path of arcs leads from a pinned agent to every agent.",
         refuted="No pinned agent reaches the agents named: in this mode nothing pulls them to the target.",
-        source="Theory, section 2.",
+        source="Theory, When is there a pair P, Q?",
     ),
     _paper(
         id="lemma1",
@@ -177,8 +177,8 @@ _ROWS: Final = (
         title="Theorem 1 with the P given",
         statement=r"\Psi < 0 \text{ with } P \text{ as given and } Q = PW",
         plain="Psi < 0 with P as given and Q = PW",
-        proved="That very pair works.",
-        refuted="That pair fails. A scaled P may work: Psi < 0 iff lambda_max(Lambda) < -lambda_max(S), and S shrinks"
+        proved="This P with this W satisfies (18).",
+        refuted="This pair fails. A scaled P may work: Psi < 0 iff lambda_max(Lambda) < -lambda_max(S), and S shrinks"
         " when P grows.",
         source="Paper, Example 1.",
     ),
@@ -189,8 +189,8 @@ _ROWS: Final = (
         title="Theorem 2 with the P given",
         statement=r"\Psi_\sigma < 0 \text{ for every mode } \sigma \text{ with } P \text{ as given and } Q = PW",
         plain="Psi < 0 in every mode with P as given and Q = PW",
-        proved="That very pair works for arbitrary switching.",
-        refuted="That pair fails in some mode. A scaled P may work.",
+        proved="This P with this W satisfies (18) in every mode; switching may be arbitrary.",
+        refuted="This pair fails in some mode. A scaled P may work.",
         source="Paper, Example 2.",
     ),
     Kind(
@@ -209,24 +209,24 @@ _ROWS: Final = (
         " leaves {V <= rho}.",
         refuted="No v exists: each agent named has a mode in which it is not pinned and hears nobody outside"
         " their group. Consensus may still hold for signals that leave those modes.",
-        source="Beyond the paper; theory, section 5. The paper claims as much from a condition at one point.",
+        source="Beyond the paper (it has a condition at one point); theory, Regions by a weighted maximum.",
     ),
     _timing(
         id="delay",
         name="Delays",
-        decides="whether the proof survives delayed messages, each link with a delay of its own that may vary",
+        decides="whether the proof still holds with delayed messages; delays may vary and differ from arc to arc",
         title="Delays that the max-separable certificate allows",
         statement=r"\text{the rows with } v_j \to \theta v_j,\ \theta \ge e^{\lambda T},\ \alpha = \lambda",
-        plain="the rows of max-separable hold with theta v_j for those who are heard, theta >= exp(lambda T), and rate"
+        plain="the rows of max-separable hold with theta v_j for v_j of each neighbour j, theta >= exp(lambda T), rate"
         " lambda",
         proved="For all such delays max |e_i|/v_i decays at the rate lambda, with an observer at every smaller"
         " rate. Any bounded delay leaves some positive rate.",
-        refuted="Never: a delay for which these rows fail may do no harm.",
+        refuted="Never: a longer delay may be harmless, too.",
     ),
     _timing(
         id="sampling",
         name="Sampling",
-        decides="whether the proof survives couplings and pinning that are held between samples; d̂ acts continuously",
+        decides="whether the proof holds with couplings and pinning held between samples; d̂ acts continuously",
         title="Sampling period that the max-separable certificate allows",
         statement=r"T\,\bigl(\textstyle\sum_j w_{ij} L_{ij} + k_i\bigr) \le 1 \quad \text{for every agent}",
         plain="T (sum_j w L_ij + k_i) <= 1 for every agent, L_ij a bound of the mean slope of h in the box",
@@ -273,7 +273,7 @@ _ROWS: Final = (
         plain="h(e) - (K (x) I) e = 0 for some e other than 0",
         proved="Never: that none is found does not mean that there is none.",
         refuted="Consensus fails in the region asked for: agents that start there, with exact estimates, stay there.",
-        source="Theory, section 5; the contract's cause (d).",
+        source="Format of certificates, The overall verdict, 2 (d).",
     ),
     Kind(
         id="settling",
@@ -285,10 +285,10 @@ _ROWS: Final = (
         title="A settling time, by stages",
         statement=r"\{V_k \le c_k\} \subset \{V_{k+1} \le \rho_{k+1}\},\quad T = \sum_k \ln(\rho_k / c_k) / r_k",
         plain="{V_k <= c_k} inside {V_k+1 <= rho_k+1}, and T = sum of ln(rho_k/c_k)/r_k",
-        proved="Every stage, every hand-over and every time is shown exactly, with the estimation error followed on"
-        " its own: from every start in the box the error is below the tolerance from that time on.",
-        refuted="Never: a chain that is not found says nothing against a shorter time.",
-        source="Theory, section 5, staging.",
+        proved="Every stage, every change of stage and every time is proved exactly, with a bound of the estimation"
+        " error: from every start in the box |e| stays below the tolerance from that time on.",
+        refuted="Never: that no stages are found does not exclude a shorter time.",
+        source="Theory, Settling times.",
     ),
 )
 

@@ -155,7 +155,7 @@ function render({ model, el }) {
     if (!told.length) return false;
     waiting = { ...waiting, ...Object.fromEntries(told) };
     verdict.className = "dobc-verdict dobc-moving";
-    verdict.textContent = "The exact verdict follows after a short rest.";
+    verdict.textContent = "The exact verdict follows after a short pause.";
     clearTimeout(rest);
     flush();
     return true;
@@ -272,7 +272,7 @@ function render({ model, el }) {
     verdict.className = `dobc-verdict dobc-${found.verdict ?? "moving"}`;
     verdict.textContent = found.busy ? "Deciding exactly …"
       : found.verdict ? `${found.verdict.toUpperCase()}${found.rate ? `, rate ${found.rate} 1/s` : ""}. ${found.text}`
-      : "The exact verdict follows after a short rest.";
+      : "The exact verdict follows after a short pause.";
   };
   const answered = () => { pending = false; clearTimeout(lost); showNumbers(); if (waiting) flush(); else rested(); };
   model.on("change:numbers", answered);

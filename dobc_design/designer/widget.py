@@ -180,11 +180,11 @@ def exact(value: float) -> Fraction:
 
 def _require_drawable(problem: Problem) -> None:
     if problem.n > LARGEST:
-        told = f"the network has {problem.n} agents; the drawing holds {LARGEST}."
+        told = f"the network has {problem.n} agents; the drawing shows at most {LARGEST}."
         raise SpecError(told, key="network.agents", cure="Use certify and design for it.")
     for agent, k in problem.pinning.gains.items():
         if not is_scalar_matrix(k):
-            told = f"agent {problem.network.labels[agent]} has a matrix as its gain; sliders move numbers only."
+            told = f"agent {problem.network.labels[agent]} has a matrix gain; sliders set numbers only."
             raise SpecError(told, key="pinning.gains", cure="Give one number per agent.")
 
 

@@ -125,7 +125,7 @@ def _array(data: bytes, order: str, depth: int) -> tuple[str, Value]:
     body = parts[3:]
     if kind == CELL:
         if depth >= DEEPEST or len(body) != math.prod(shape):
-            raise _Broken("a cell array that does not hold what it says")
+            raise _Broken("a cell array of inconsistent size")
         return name, [_array(each.data, order, depth + 1)[1] for each in body]
     if kind == CHARACTERS:
         return name, _rows_of_text(body, shape, order)
@@ -170,14 +170,14 @@ def _rows_of_text(body: list[_Element], shape: list[int], order: str) -> list[st
 def _sparse(body: list[_Element], shape: list[int], order: str) -> Any:
     """A sparse matrix, dense: compressed columns with row numbers, column starts and values."""
     if len(body) < 3 or len(shape) != 2:
-        raise _Broken("a sparse matrix that does not hold what it says")
+        raise _Broken("a sparse matrix of inconsistent size")
     rows, starts, values = (_numbers(each, order) for each in body[:3])
     count = int(starts[-1]) if len(starts) else 0
     rows = rows[:count].astype(np.int64)
     starts = starts.astype(np.int64)
     fits = len(starts) == shape[1] + 1 and starts[0] == 0 and bool(np.all(np.diff(starts) >= 0))
     if not fits or min(len(rows), len(values)) < count or np.any((rows < 0) | (rows >= shape[0])):
-        raise _Broken("a sparse matrix that does not hold what it says")
+        raise _Broken("a sparse matrix of inconsistent size")
     dense = np.zeros(shape)
     np.add.at(dense, (rows, np.repeat(np.arange(shape[1]), np.diff(starts))), values[:count].astype(np.float64))
     return dense

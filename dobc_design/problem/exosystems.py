@@ -117,7 +117,7 @@ def of_parts(
         shapes.append(_sum_of_sines(sines))
     if not shapes:
         cure = "Write constant = true, ramp = true, hz = [0.5] or frequencies = [2]; they add up."
-        raise wrong("exosystem", "has no part: nothing is true and no frequency is given.", cure)
+        raise wrong("exosystem", "is empty: no part is true and no frequency is given.", cure)
     return stacked(*[total(*shapes)] * components)
 
 
@@ -128,7 +128,7 @@ def _add_sines(found: dict[Fraction, str], value: Any, *, key: str) -> None:
     given = list(value) if is_list(value) else [value]
     if not given:
         what = f"must hold at least one number ({unit}); got none."
-        raise wrong(key, what, "A disturbance without sines has no such key; constant() is one.")
+        raise wrong(key, what, "Without sines leave it out, for example constant().")
     for k, each in enumerate(given):
         name = f"{key}[{k}]" if is_list(value) else key
         w = parse_number(each, key=name)

@@ -57,7 +57,7 @@ def _check_symmetric(P: Matrix) -> None:
         for j in range(i):
             if row[j] != P[j][i]:
                 got = f"{shown_number(P[j][i])} at [{j}][{i}] and {shown_number(row[j])} at [{i}][{j}]"
-                what = f"must be symmetric, because x'Px is its only use; got {got}."
+                what = f"must be symmetric, because only x'Px is used; got {got}."
                 raise wrong("observer.P", what, "Replace it by (P + P')/2.", kind=ShapeError)
 
 
@@ -203,7 +203,7 @@ def _check_group(group: Group, number: int, *, m: int, rate: Fraction | None) ->
 
 def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observer) -> None:
     """Those in no group have [exosystem]'s own A and C; where there is nobody, nothing may be said of them."""
-    nobody = "belong to nobody, because every agent is in a group of exosystem.groups."
+    nobody = "apply to no agent, because every agent is in a group of exosystem.groups."
     if rest and exosystem is None:
         what = f"{name_some(rest)} {'is' if len(rest) == 1 else 'are'} in no group of exosystem.groups, and [exosystem]"
         cure = "Give A and C in [exosystem], or add them to a group."

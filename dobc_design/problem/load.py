@@ -113,7 +113,7 @@ def parse_toml(data: bytes) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         what = f"the problem file is not valid TOML: {error}."
         raise SpecError(
-            what, cure="Look at that line: a missing quote or bracket, a key given twice, yes for true?"
+            what, cure="Check that line for a missing quote or bracket, a repeated key, or yes for true."
         ) from None
     except ValueError:  # Python refuses to read a whole number of more than 4300 digits
         what = "the problem file holds a whole number of thousands of digits."
@@ -148,7 +148,7 @@ def _check_depth(document: Mapping[str, Any]) -> None:
 
 def _too_large(limit: int, what: str = PROBLEM) -> SpecError:
     arcs = 'Keep long lists of arcs in a CSV file: Ga = { file = "arcs.csv" }.'
-    cure = arcs if what == PROBLEM else "It is not one of ours."
+    cure = arcs if what == PROBLEM else "dobc_design writes no such file."
     return SpecError(f"the {what} is too large: at most {limit} bytes are read.", cure=cure)
 
 
@@ -287,7 +287,7 @@ def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors:
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
     parts = [name for name in exosystems.PARTS if getattr(table, name) is not None]
     if parts and matrices:
-        both = f"stands beside {' and '.join(matrices)}, and one of them would be ignored."
+        both = f"stands beside {' and '.join(matrices)}; only one of them can be used."
         errors.append(wrong(f"{place}.{parts[0]}", both, f"Give either A and C or {' and '.join(parts)}."))
     if parts or (isinstance(table, ExosystemTable) and table.groups and not matrices):
         return None

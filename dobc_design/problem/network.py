@@ -221,7 +221,7 @@ class Network(Shown):
         if len(set(self.labels)) < len(self.labels):
             first: dict[str, int] = {}
             repeated = next(label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i)
-            what = f"must be different from one another; {shown(repeated)} stands there twice"
+            what = f"must be different from one another; {shown(repeated)} appears twice"
             what += ' (labels are text: 1 and "1" are one label).'
             raise wrong("network.agents", what, "Rename one of the two.")
         if not self.modes:

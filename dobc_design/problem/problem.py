@@ -113,7 +113,7 @@ def _by_label(value: Any, read: Callable[[Any, str], T], *, labels: Sequence[str
                 near = get_close_matches(str(label)[:100], labels[:1000], n=1)
                 raise about(own, what, f'Did you mean "{near[0]}"?' if near else "Use the label of an agent.")
             if place in result:
-                raise wrong(own, "stands there twice (labels are text).", "Keep one.")
+                raise wrong(own, "appears twice (labels are text).", "Keep one.")
             result[place] = read(entry, own)
         if len(errors) >= reading.MOST_ERRORS:
             break

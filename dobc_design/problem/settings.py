@@ -284,13 +284,13 @@ def _misfits(own: Switching) -> list[SpecError]:
     rounds = own.signal == "periodic" and "schedule" in has
     found = []
     for applies, name, other, why in (  # without another key: where it applies, the key is required
-        (own.signal == "schedule", "schedule", "", "it says from when on which mode is active"),
+        (own.signal == "schedule", "schedule", "", "it says which mode is active at which time"),
         (not {"radius", "neighbours"} & has, "radius", "", "it says how far an agent hears (or neighbours: how many)"),
-        (True, "neighbours", "radius", "either says who is near"),
-        (own.signal == "markov", "dwell", "generator", "its diagonal says how long stays last"),
-        (own.signal == "periodic" and not rounds, "period", "dwell", "either says how long a mode stays"),
-        (rounds, "dwell", "schedule", "the schedule says it all"),
-        (rounds, "sequence", "schedule", "the schedule says it all"),
+        (True, "neighbours", "radius", "each of the two defines the neighbours"),
+        (own.signal == "markov", "dwell", "generator", "its diagonal sets the mean dwell times"),
+        (own.signal == "periodic" and not rounds, "period", "dwell", "each of the two sets how long a mode lasts"),
+        (rounds, "dwell", "schedule", "the schedule sets the times"),
+        (rounds, "sequence", "schedule", "the schedule sets the modes"),
         (rounds, "period", "", "it says when the schedule begins anew"),
     ):
         key = f"switching.{name}"
@@ -326,7 +326,7 @@ def _read_generator(value: Any, key: str) -> Matrix:
                 raise wrong(place, what, "Only the diagonal is negative.")
         if sum(row):
             total = shown_number(sum(row, Fraction(0)))
-            what = f"must add up to 0, because a chain that leaves a mode enters another; got {total}."
+            what = f"must add up to 0: the diagonal entry is minus the sum of the others; got {total}."
             raise wrong(f"{key}[{k}]", what, f"Write {shown_number(row[k] - sum(row))} at place {k} of that row.")
     return matrix
 
@@ -340,7 +340,7 @@ def _read_schedule(value: Any, key: str) -> Schedule:
             raise _no_list(f"{key}[{k}]", "[instant in s, mode]", row, "schedule")
         rows.append((parse_number(row[0], key=f"{key}[{k}][0]"), _mode(row[1], f"{key}[{k}][1]")))
     if rows[0][0] != 0:
-        what = f"must be 0, because something is active from the start; got {shown_number(rows[0][0])}."
+        what = f"must be 0, because a mode must be active from 0 s on; got {shown_number(rows[0][0])}."
         raise wrong(f"{key}[0][0]", what, "Say which mode is active from 0 s on.")
     for k, ((before, _), (after, _)) in enumerate(pairwise(rows)):
         if after <= before:

@@ -45,13 +45,13 @@ _BOTH_FILES: Final = (
     " arithmetic:"
 )
 _TRUSTS: Final = (
-    "It trusts the problem file and believes nothing of the certificate: margins, rates, witnesses and the overall"
+    "It trusts the problem file and nothing in the certificate: margins, rates, witnesses and the overall"
     " verdict are all proved anew. With nothing but Python, and none of this package, the lone checker (the folder"
     " dobc_design/checker) does the same:"
 )
 _SIGNING: Final = (
-    "Who signs says which problem and which certificate it is about: the fingerprints above. What is proved needs no"
-    " signature; that the model fits the plant does."
+    "The signature is for the problem and the certificate with the fingerprints above. The proof needs no signature;"
+    " the statement that the model fits the plant does."
 )
 
 
@@ -77,7 +77,7 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
 def checks_section(checks: Sequence[Check], *, proved: bool = False) -> doc.Section:
     """Every check with its verdict, numbers and reason.  ``proved``: the overall verdict is, whatever else failed."""
     rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
-    cut = "Margins and rates are in 1/s and cut towards zero: they hold as printed."
+    cut = "Margins and rates are in 1/s and rounded towards zero: they hold as printed."
     blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)), *_checks_table(checks))
     counts = words.verdict_counts(checks) or "none"
     failed = sum(check.verdict is not Verdict.PROVED for check in checks)
@@ -146,7 +146,7 @@ def _witness(witness: Witness, id: str) -> tuple[str, str]:
         case "vector" if id == "observability":
             return "A state that C never sees, ξ", values
         case "vector":
-            return f"A direction v that is not held{who}, v", values
+            return f"A direction v in which V does not decrease{who}, v", values
         case "agents":
             return "Agents that no pin reaches", words.names_in_words(witness.labels or (), 30)
         case "polynomial":

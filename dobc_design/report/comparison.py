@@ -43,7 +43,7 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
     certificates = (
         doc.Beside([(_box(letter, each),) for letter, each in sides]),
         summary,
-        doc.Only(("html",), (doc.Text("Marked rows differ. Rates are cut towards zero.", "caption"),)),
+        doc.Only(("html",), (doc.Text("Marked rows differ. Rates are rounded towards zero.", "caption"),)),
         *(
             doc.Section(f"Notes of {letter}", (doc.List(each.claims.notes[:MOST_NOTES]),))
             for letter, each in sides
@@ -121,7 +121,7 @@ def _checks(first: Certificate, second: Certificate) -> doc.Section:
     """Every check that one of them has, in the order of A, then those that only B has; marked where they differ."""
     a, b = ({(check.id, check.mode): check for check in each.checks} for each in (first, second))
     pairs = [(a.get(key), b.get(key)) for key in {**a, **b}]
-    told = "Margins and rates are in 1/s and cut towards zero. An en dash: the condition is not among the checks, or"
+    told = "Margins and rates are in 1/s, rounded towards zero. An en dash: the condition is not among the checks, or"
     told += " has no such number."
     hidden = len(pairs) - MOST_ROWS
     columns = (

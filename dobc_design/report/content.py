@@ -37,7 +37,7 @@ _WORDS = (
         "margin",
         "",
         "How much may be added to the diagonal of the network block before the condition fails; for a refuted"
-        " condition, by how much it is missed at least, with a minus.",
+        " condition it is negative: the condition fails by at least this much.",
     ),
     ("rate", "", "A number β in 1/s for which exp(−βt) is proved to bound the decay."),
     ("near the target", "", "In some neighbourhood of the consensus, of unknown size."),
@@ -168,7 +168,7 @@ def _next_step(certificate: Certificate) -> Iterator[doc.Section]:
     yield from cures
     if advice:
         told = f"{words.sentence(advice)} This command shows from which starts consensus is proved:"
-        yield doc.Section("What would settle it", (doc.Text(told), doc.Code((_REGION,), command=True)), "next")
+        yield doc.Section("What would decide it", (doc.Text(told), doc.Code((_REGION,), command=True)), "next")
     elif not cures:
         told = (
             "This command searches for pins and gains that are proved for the problem, or proves that there are none:"
@@ -300,11 +300,11 @@ def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
     blocks = words.observer_blocks(certificate)
     for name, what, matrix in (
         ("A", "generator of the disturbance", exosystem.A),
-        ("C", "what of it acts on an agent", exosystem.C),
+        ("C", "output matrix: d = C ξ acts on the agent", exosystem.C),
         ("W", f"observer gain{source}", claims.W),
         ("P", "Lyapunov matrix of the estimation error, found and proved", claims.P),
         ("Q", "P W", claims.Q),
-        ("S", "what the observer costs: Λ + I ⊗ S has to be negative definite", blocks.get(words.FOUND)),
+        ("S", "effect of the observer: Λ + I ⊗ S has to be negative definite", blocks.get(words.FOUND)),
         (r"P_{\text{given}}", "the P of the problem file, tested as it stands", problem.joint_observer.P),
         (r"S_{\text{given}}", "its S", blocks.get(words.GIVEN)),
     ):
@@ -321,14 +321,14 @@ def _undisturbed() -> Iterator[doc.Block]:
 def _disturbed(problem: Problem) -> Iterator[doc.Block]:
     P, Q, W = doc.Math("P > 0", "P > 0"), doc.Math("Q", "Q"), doc.Math("W = P⁻¹ Q", "W = P^{-1} Q")
     asks = ("Theorems 1 and 2 ask for matrices ", P, " and ", Q, ", with ", W, ", such that in every mode")
-    exactly = " is the Jacobian of the couplings. The size of the condition does not matter, because exactly"
+    exactly = " is the Jacobian of the couplings. An equivalent condition of smaller size is used:"
     yield doc.on_pages(doc.Text(asks))
     yield doc.Formula(_PSI, number="(18)", typst="psi")
     yield doc.Formula(_LAMBDA, typst="lambda")
     yield doc.Formula(_OMEGA, typst="omega")
     yield doc.on_pages(doc.Text(("where ", doc.Math("J", "J"), exactly)))
     yield doc.Formula(_REDUCED, typst="reduced")
-    yield doc.on_pages(doc.Text("and, when nothing is said about P and Q,"))
+    yield doc.on_pages(doc.Text("and, if P and Q are free,"))
     yield doc.Formula(_BY_EXISTENCE, typst="existence")
     if problem.is_grouped:
         yield doc.Text(words.BY_GROUP)
@@ -338,7 +338,7 @@ def _eigenvalues(certificate: Certificate, analysis: Analysis | None) -> Iterato
     """As pictures on pages, as numbers in Markdown."""
     if analysis is None:
         return
-    told = "Computed in floating point, to show how far things are from the edge. No verdict rests on them."
+    told = "Computed in floating point, to show how large the margins are. No verdict depends on them."
     drawn = doc.Pictures(tuple(pictures.eigenvalue_pictures(certificate, analysis)))
     table = doc.table_of(
         "Eigenvalues",
@@ -367,7 +367,7 @@ def _observability(analysis: Analysis) -> str:
     seen = [each for each in found.modes if each.eigenvalue.imag >= 0]
     margins = ", ".join(f"{number(each.margin)} at {_eigenvalue(each.eigenvalue)}" for each in seen[:12])
     text = f" In floating point the observability matrix has rank {found.rank} of {found.order}. The smallest singular"
-    return text + f" value of [A − λI; C] at the eigenvalues λ of A, 0 meaning unseen: {margins}."
+    return text + f" value of [A − λI; C] at the eigenvalues λ of A, 0 means unobservable: {margins}."
 
 
 def _eigenvalue(value: complex) -> str:

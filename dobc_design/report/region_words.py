@@ -31,7 +31,7 @@ _SEVERAL: Final = 3  # modes that are named
 _FAST: Final = 100  # samples a second from which a certified period is called pessimistic
 WARNING: Final = (
     "A suspect is a simulated run in floating point. It refutes nothing: the run may be too short, or the integrator"
-    " wrong. It says where a proof will be hard to find."
+    " wrong. It shows for which starts a proof will be hard to find."
 )
 _WHAT: Final = {STAYS_AWAY: "does not converge", LEAVES: "leaves the certified set", RESTS: "rests there (proved)"}
 
@@ -43,8 +43,8 @@ def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Pi
     asked, rest = asked_sentence(regions), rest_sentence(regions)
     size = problem.n * problem.m
     norms = "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds"
-    norms += f" the ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, where all {size} components may"
-    norms += " be off at once."
+    norms += f" the ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, since all {size} components"
+    norms += " may be that large at once."
     timing = timing_sentences(regions)
     told = (doc.Section("Time, late messages and sampling", (doc.List(timing),)),) if timing else ()
     blocks = (
@@ -104,7 +104,7 @@ def limit_words(claim: RegionClaim) -> str:
     if claim.limit or claim.kind != "everywhere":
         none = "It covers what was asked for; more was not tried." if claim.covers else NONE
         return sentence(claim.limit) or none
-    return "There is none: it holds for every start."
+    return "No limit: it holds for every start."
 
 
 def asked_sentence(regions: Regions) -> str:
@@ -169,7 +169,7 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     """What the picture of single agents shows; ``drawn``: how many of them, if not all."""
     bounds = [agent.bound for agent in regions.agents]
     least, most = lower(min(bounds)), lower(max(bounds))
-    text = "By the max-separable certificate every agent may start anywhere in its bar, all of them at once:"
+    text = "By the max-separable certificate each agent may start anywhere in its bar, independently of the others:"
     text += f" |eᵢ| may be up to {least if least == most else f'{least}, for some agents up to {most}'}."
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
@@ -180,11 +180,11 @@ def settling_section(
     """The proved settling time, stage by stage; nothing without one."""
     if settling is None or settling.time is None:
         return
-    sentence, stages = settling_sentence(settling), "One certificate serves all the way."
+    sentence, stages = settling_sentence(settling), "One certificate covers the whole time."
     if len(settling.stages) > 1:
         stages = (
-            "Each stage is a certificate of its own. It takes over at the time given, when the one before has brought"
-            " the error so far down that this is inside its own region; every bound goes on to hold afterwards."
+            "Each stage has a certificate of its own, used from the given time on. By then the bound of the one before"
+            " lies inside the region of this certificate. The bounds of earlier stages remain valid."
         )
     blocks = (
         doc.Text(sentence),
@@ -234,9 +234,9 @@ def timing_notes(timings: Sequence[StageTiming]) -> list[str]:
     if not any(timing.sampling or timing.delay for timing in timings):
         return []
     return [
-        "Held for: couplings and pinning may be held so long between samples while the error is in that stage’s box."
-        " Late by: messages may be late by so much, and half of that stage’s rate is left. Both hold for a loop that is"
-        " in the box and were decided exactly when this was written; the certificate holds them for its whole region"
+        "Held for: the longest proved sampling period with zero-order hold while the error is in that stage’s box."
+        " Late by: the communication delay for which half of that stage’s rate is proved. Both hold for a loop that is"
+        " in the box and were decided exactly when this was written; the certificate has them for its whole region"
         " only. Quadratic stages say nothing about either."
     ]
 
@@ -272,7 +272,7 @@ def _tried(search: Falsification) -> str:
     where = search.target.replace("|e|_inf", "|e|∞").replace("<=", "≤")
     return (
         f"{search.tried} starts from {where} were simulated for {number(search.horizon)} s (seed"
-        f" {search.seed}): corners, edges, random ones, and the worst of them made worse by following the gradient."
+        f" {search.seed}): corners, edges, random ones, and the worst of them, moved along the gradient."
     )
 
 
@@ -280,9 +280,9 @@ def found_sentence(search: Falsification) -> str:
     """What came out, in one sentence."""
     runs = sum(each.kind != RESTS for each in search.suspects)
     if runs:
-        return f"{runs} suspect{'s' if runs > 1 else ''} stayed."
+        return f"{runs} suspect{'s' if runs > 1 else ''} remained."
     if search.proved:
-        return "No run is suspect but those that rest at another equilibrium."
+        return "The only suspects are runs that rest at another equilibrium."
     text = "No suspect was found, which proves nothing."
     if search.certified_rate and search.observed_rate is not None:
         text += (
@@ -304,9 +304,9 @@ def equilibrium_sentences(search: Falsification) -> list[str]:
             place = f", x = ({'; '.join(shown)}{', …' if len(resting.start) > MOST_STATES else ''})"
         told.append(f"Proved: in mode {claim.mode} the agents may also rest at |e|∞ ≈ {number(size)}{place}.")
     if told:
-        told.append("No proof of consensus can reach there, and none of this certificate does.")
+        told.append("No proof of consensus can include it, and none in this certificate does.")
         if search.check is not None:
-            told.append("The region asked for holds such a place and is therefore refuted.")
+            told.append("The region asked for contains such an equilibrium and is therefore refuted.")
     return told
 
 

@@ -194,7 +194,7 @@ def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
         proved = sum(check.verdict is Verdict.PROVED for check in checks)
         yes = [
             "What was asked is neither proved nor refuted.",
-            f"{proved} of {len(checks)} checks are proved, and these hold by themselves.",
+            f"{proved} of {len(checks)} checks are proved, and these remain valid.",
         ]
         no = [
             "It does not say that consensus fails. A sufficient condition that is not met says nothing.",
@@ -214,13 +214,13 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
         yes = ["There is a neighbourhood of the target from which every agent goes to its goal."]
     if domain == "consensus":
         no = [
-            "It is local, a statement at the consensus. It names no radius: nothing is said about starts at a"
-            " given distance, not even when simulations from there look well."
+            "The proof is local: it holds near the target and states no radius. It says nothing about starts at a"
+            " given distance, even if simulations from there converge."
         ]
     if problem.groups:
         yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
     if len(problem.network.modes) > 1:
-        yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V serves them all.")
+        yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V holds for all modes.")
     if certificate.rate:
         rate = _number(certificate.rate)
         yes.append(f"The errors decay at least like exp(−{rate} t), t in seconds. The real decay may be faster.")

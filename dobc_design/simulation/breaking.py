@@ -182,7 +182,7 @@ def what_breaks_first(
 
     calm = run_once(setting)
     if not _late(calm, Stress()) <= tolerance:
-        message = "the loop must converge before anything can break it; without stress it does not in"
+        message = "the loop must converge without stress before stress is added; it does not converge in"
         cure = "Choose a longer horizon, or see what `dobc certify` says."
         raise SpecError(f"{message} {calm.t_final:g} s.", key="t_final", cure=cure)
     sweeps, limit = [], None

@@ -116,7 +116,7 @@ class Markov(Shown):
                 if other != k:
                     not_negative(rate, f"generator[{k}][{other}]")
             if not abs(sum(row)) <= 1e-9 * max(1.0, *map(abs, row)):
-                message = "must add up to 0, because a chain that leaves a mode enters another; got"
+                message = "must add up to 0: the diagonal entry is minus the sum of the others; got"
                 cure = f"Put minus the sum of the others at [{k}][{k}]."
                 raise wrong(f"generator[{k}]", f"{message} {sum(row):g}.", cure)
 

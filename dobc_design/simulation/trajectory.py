@@ -294,7 +294,7 @@ def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
     require(all(type(each) is list for each in lists), "labels, notes and modes must be lists")
     texts = [*(text for each in lists for text in each), *(text for text in given.values() if type(text) is str)]
     readable = all(type(text) is str and text.isprintable() for text in texts)
-    require(readable, "a text in it is none, or holds control characters")
+    require(readable, "a text entry is not text or has control characters")
     times, begins, modes = arrays["times"], arrays["switch_times"], arrays["switch_modes"]
     numbers, sizes, arcs = (arrays[name] for name in ("goal", "graph_sizes", "graph_arcs"))
     whole = all(each.dtype.kind in "iu" for each in (modes, sizes, arcs))

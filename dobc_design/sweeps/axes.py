@@ -142,7 +142,7 @@ def _axis(key: str, given: Any) -> Axis:
     if not values or len(values) > MOST_VALUES:
         raise SpecError(f"there must be 1 to {MOST_VALUES} values; got {len(values)}.", cure=_CURE)
     if len(set(values)) < len(values):
-        raise SpecError("a value stands there twice.", cure="Name each value once.")
+        raise SpecError("a value appears twice.", cure="Name each value once.")
     return Axis(name=name, keys=keys, values=values)
 
 
@@ -201,7 +201,7 @@ def _rounded(value: float) -> str:
 def read_keys(text: str) -> tuple[Path, ...]:
     """The key paths of an axis: one, or several that get the same value, separated by commas.  Raises: SpecError."""
     if len(text) > LONGEST or _KEYS.fullmatch(text) is None:
-        message = f"{shown(text)} is no key of a problem file: names between dots, places of lists in brackets."
+        message = f"{shown(text)} is no key of a problem file: write names with dots between, indices in brackets."
         raise SpecError(message, key=text[:60], cure=_EXAMPLE)
     paths = tuple(tuple(_step(*step.groups()) for step in _STEP.finditer(path)) for path in re.findall(_PATH, text))
     if len(set(paths)) < len(paths):
@@ -273,12 +273,12 @@ def _require_place(inner: Any, path: Path, depth: int) -> None:
     if isinstance(inner, list) and isinstance(part, int):
         if part < len(inner):
             return
-        problem = f"has {len(inner)} entries, counted from 0; got place {part}"
-        cure = "Name a place that is there, or the next one."
+        problem = f"has {len(inner)} entries, counted from 0; got index {part}"
+        cure = "Use an existing index, or the next one."
     else:
         kind = "a table" if isinstance(inner, dict) else "a list" if isinstance(inner, list) else shown(inner)
         problem = f"is {kind}, which has no {shown(part)}"
-        cure = "Name a place, such as [0]." if isinstance(inner, list) else "Name a key of it."
+        cure = "Give an index, such as [0]." if isinstance(inner, list) else "Name a key of it."
         if not isinstance(inner, (dict, list)):
             cure = f"Vary {so_far} itself, or write it as a table in the problem file."
     raise SpecError(f"{path_text(path)}: {so_far} {problem}.", key=path_text(path), cure=cure)
@@ -339,7 +339,7 @@ def split(text: str) -> list[str]:
     SpecError."""
     parts = [part.strip() for part in _parts(text)] if text.strip() else []
     if not all(parts):
-        cure = "Drop the comma, or add it."
+        cure = "Remove the comma, or add the value."
         raise SpecError(f"a value is missing between commas in {shown(text)}.", key="values", cure=cure)
     return parts
 

@@ -204,7 +204,7 @@ def make_plan(
         cure = "For example --samples 100."
         raise SpecError(f"samples must say how many times {drawn[0]} is drawn.", key="samples", cure=cure)
     if not drawn and samples is not None:
-        message = "samples must be left out when nothing is drawn; the grid is gone through once."
+        message = "samples must be left out when nothing is drawn; every grid point is run once."
         raise SpecError(message, key="samples", cure="Draw a key, such as KEY=~uniform(0,1), or leave samples out.")
     samples = 1 if samples is None else whole(samples, "samples", least=1)
     seed = whole(seed, "seed", least=0)

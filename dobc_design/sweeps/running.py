@@ -42,7 +42,7 @@ GRACE = 60.0  # s, beside the limit twice, that a case may take to hear that its
 FEWEST = 5  # finished cases before a time left is said
 WIDTH = 2.0  # standard deviations to either side of it
 
-DIED = "The worker died while it was at this case: out of memory, killed, or a fault in a library."
+DIED = "The worker died while running this case: out of memory, killed, or a fault in a library."
 
 Result = TypeVar("Result")
 

@@ -87,7 +87,7 @@ def design_pinning(
     report = report_to(progress)
     if region is None:
         return search_pinning(problem, request, report)
-    report("looking for gains that do over the region")
+    report("looking for gains for the whole region")
     return search_region(problem, request, region)
 
 

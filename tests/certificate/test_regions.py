@@ -174,7 +174,7 @@ def test_a_local_proof_has_no_radius_and_says_so():
     check = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="yes.")
     claim = only(regions(chain(), check))
     assert (claim.kind, claim.box, claim.time) == ("near", None, None)
-    assert "names no radius" in claim.limit
+    assert "states no radius" in claim.limit
 
 
 def test_lemma_1_of_several_modes_is_one_row_of_the_slowest_or_of_the_one_that_fails():

@@ -410,7 +410,7 @@ def test_piped_output_is_wide_and_a_narrow_terminal_has_the_reasons_below(dobc, 
     rows = [line for line in wide if line.startswith("hurwitz")]
     assert len(rows) == 1
     assert "A - WC is Hurwitz (given W): the estimation error decays at least like exp(" in rows[0]
-    assert any("from every start asked for" in line for line in wide[:5])
+    assert any("from every start in the region" in line for line in wide[:5])
     monkeypatch.setenv("COLUMNS", "80")
     narrow = dobc("certify", "paper-fixed", "--no-report").out.splitlines()
     assert max(len(line) for line in narrow if not line.startswith("re-check")) <= 80
@@ -528,7 +528,7 @@ def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):
     assert dobc("certify", "cured.toml", "--no-report").code == 0
     noted = write('notes = ["Agent 1 is pinned."]\n' + wrong, "noted.toml")
     ran = dobc("certify", noted, "--no-report", "--apply-fix", "other.toml")
-    assert ran.out.endswith("look at      its notes: they are kept as they were and may speak of what has changed\n")
+    assert ran.out.endswith("look at      its notes: they are unchanged and may describe the old problem\n")
     assert "Agent 1 is pinned." in Path("other.toml").read_text(encoding="utf-8")
 
 

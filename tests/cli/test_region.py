@@ -96,7 +96,7 @@ def test_a_search_shows_the_false_equilibria_and_what_is_only_suspect(dobc, tmp_
     code, out, _ = dobc("pair.toml", "--search")
     assert code == 1
     assert "Proved: in mode G the agents may also rest at |e|∞ ≈ 1.654" in out
-    assert "No proof of consensus can reach there" in out
+    assert "No proof of consensus can include it" in out
     assert "A suspect is a simulated run in floating point. It refutes nothing" in out
     assert (tmp_path / "listening-pair-certificate" / "search.svg").exists()
     _, out, _ = dobc("pair.toml", "--search", "--json")

@@ -170,9 +170,9 @@ def test_a_message_of_the_page_saves_and_says_what_went_wrong(designer, tmp_path
 
 
 def test_what_cannot_be_drawn_is_refused():
-    with pytest.raises(SpecError, match=r"201 agents; the drawing holds 200"):
+    with pytest.raises(SpecError, match=r"201 agents; the drawing shows at most 200"):
         dd.Designer(problem("y", [[2, 1]], 201))
-    with pytest.raises(SpecError, match=r"agent 1 has a matrix as its gain"):
+    with pytest.raises(SpecError, match=r"agent 1 has a matrix gain"):
         dd.Designer(problem("y", [[2, 1]], 2, target=[0, 0], gains={1: [[1, 0], [0, 2]]}))
 
 

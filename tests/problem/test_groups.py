@@ -155,7 +155,7 @@ def test_a_kind_stands_for_the_matrices_of_its_constructor(kind, shape):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("constant = false", "exosystem has no part"),
+        ("constant = false", "exosystem is empty"),
         ("ramp = 1", "exosystem.ramp must be true or false; got 1"),
         ("hz = [1, 0]", r"exosystem.hz\[1\] must be between 1e-15 and 1e15 Hz; got 0"),
         ('hz = "1e-310"', "exosystem.hz must be between"),

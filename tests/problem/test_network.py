@@ -53,7 +53,7 @@ def test_arrow_has_no_default():
 def test_the_label_1_and_the_label_quoted_1_are_one_label():
     network = Network.from_arcs([(1, "2"), ("1", 3)], arrow="listens_to")
     assert network.labels == ("1", "2", "3")
-    with pytest.raises(SpecError, match=r"'1' stands there twice"):
+    with pytest.raises(SpecError, match=r"'1' appears twice"):
         Network.from_arcs([(1, 2)], arrow="listens_to", agents=[1, 2, "1"])
 
 
@@ -162,7 +162,7 @@ def test_several_graphs_are_modes_over_the_nodes_of_the_first():
     [
         (nx.DiGraph([(1, 1)]), "must not listen to itself"),
         (nx.grid_2d_graph(2, 2), r"must be text or a whole number; got \(0, 0\)"),
-        (nx.Graph([(1, "1")]), "'1' stands there twice"),
+        (nx.Graph([(1, "1")]), "'1' appears twice"),
         ([(1, 2)], "must be a networkx graph; got list"),
         ({"A": 5}, r"network\.modes\.A must be a networkx graph; got int"),
     ],

@@ -246,9 +246,9 @@ def test_all_mistakes_are_told_at_once_and_are_value_errors():
 
 def test_the_same_agent_under_two_spellings_is_refused():
     numbered = Network.from_arcs([(1, 2)], arrow="listens_to")
-    with pytest.raises(SpecError, match=r"pinning\.gains\.1 stands there twice"):
+    with pytest.raises(SpecError, match=r"pinning\.gains\.1 appears twice"):
         make(network=numbered, gains={1: 1, "1": 2})
-    with pytest.raises(SpecError, match=r"formation\.offsets\.1 stands there twice"):
+    with pytest.raises(SpecError, match=r"formation\.offsets\.1 appears twice"):
         make(network=numbered, offsets={1: 1, "1": 2})
 
 

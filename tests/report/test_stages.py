@@ -65,7 +65,7 @@ def test_the_sentence_claims_no_more_than_is_proved():
 
 def test_what_the_stages_allow_is_told_apart_from_what_the_certificate_holds():
     (note,) = timing_notes([timing("1/8", "1/5")] * 2 + [StageTiming()] * 2)
-    assert "the certificate holds them for its whole region only" in note
+    assert "the certificate has them for its whole region only" in note
 
 
 def test_the_curve_drawn_is_the_certified_bound():

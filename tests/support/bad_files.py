@@ -231,14 +231,14 @@ GROUPS_AND_KINDS = [
         f"{GROUPS}[1].agents[1]",
         "exosystem.groups[0] already",
     ),
-    bad("group-of-everybody-beside-a-rest", group(f"agents = [1, 2, 3, 4]\n{ONE}"), "exosystem.A", "nobody"),
+    bad("group-of-everybody-beside-a-rest", group(f"agents = [1, 2, 3, 4]\n{ONE}"), "exosystem.A", "apply to no agent"),
     bad("group-with-a-wrong-w", group(f"agents = [1]\n{ONE}\nW = [[1, 2]]"), f"{GROUPS}[0].W", "shape"),
     bad("group-without-the-p-of-others", group(f"agents = [1]\n{ONE}\nW = [[1]]"), "exosystem.groups", "tested"),
     bad("groups-as-a-table", end("[exosystem.groups]\nagents = [1]"), "exosystem.groups", "list of tables"),
     bad("xi0-of-groups-in-one-row", group(f"agents = [1]\n{ONE}\nW = [[1]]\nP = [[1]]"), "simulation.xi0", "row"),
-    bad("kind-beside-matrices", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", "ignored"),
+    bad("kind-beside-matrices", below("[exosystem]", 'kind = "constant"'), "exosystem.kind", "only one of them"),
     bad("kind-without-frequencies", kind('kind = "harmonics"'), "exosystem.frequencies", "required"),
-    bad("frequencies-alone", below("[exosystem]", "frequencies = [2]"), "exosystem.frequencies", "ignored"),
+    bad("frequencies-alone", below("[exosystem]", "frequencies = [2]"), "exosystem.frequencies", "only one of them"),
 ]
 
 MISSING_OR_OF_A_WRONG_KIND = [

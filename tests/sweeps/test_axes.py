@@ -224,9 +224,9 @@ def test_tables_on_the_way_are_made_the_next_place_of_a_list_is_filled_and_none_
     ("path", "words"),
     [
         (("pinning", "gains", "1"), r"pinning.gains is 5, which has no '1'. Vary pinning.gains itself"),
-        (("network", "modes", "G", 7, 0), r"G has 2 entries, counted from 0; got place 7"),
+        (("network", "modes", "G", 7, 0), r"G has 2 entries, counted from 0; got index 7"),
         (("network", "modes", "G", 3), r"G has 2 entries"),
-        (("network", "modes", "G", "1"), r"is a list, which has no '1'. Name a place"),
+        (("network", "modes", "G", "1"), r"is a list, which has no '1'. Give an index"),
         (("coupling", 0), r"coupling is a table, which has no 0"),
     ],
 )

@@ -143,9 +143,9 @@ def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fractio
     """Phi of every mode.  Raises: SpecError for more than LARGEST rows, or couplings that do not act by component."""
     size, m = problem.n * problem.m, problem.m
     if size > LARGEST:
-        raise SpecError(f"boxes are counted out for at most {LARGEST} rows n m; got {size}.", key="network.agents")
+        raise SpecError(f"the exhaustive method takes at most {LARGEST} rows n m; got {size}.", key="network.agents")
     if not all(coupling.by_component for coupling in problem.couplings):
-        raise SpecError("boxes are counted out for couplings that act by component.", key="coupling.h")
+        raise SpecError("the exhaustive method needs couplings that act by component.", key="coupling.h")
     if lure.P_e.size != size:
         raise ShapeError(f"P_e must have {size} rows; got {lure.P_e.size}.", key="P_e")
     M = _floats(held_matrix(problem, lure.P_e, rate=rate, S=S).to_dense())
@@ -239,5 +239,5 @@ def first_box(size: int, half: Fraction) -> Boxes:
 def _floats(M: Matrix) -> Array:
     """Nearest floats.  Raises: SpecError for a number so large or small that products of such would lose accuracy."""
     if not all(SMALLEST < abs(x) < LARGEST_NUMBER for row in M for x in row if x):
-        raise SpecError("boxes are counted out in floating point: numbers have to lie between 1e-100 and 1e100.")
+        raise SpecError("the boxes are tested in floating point: numbers must lie between 1e-100 and 1e100.")
     return np.array([[float(x) for x in row] for row in M], dtype=np.float64)

@@ -41,7 +41,7 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
         return []
     reason = quadratic_obstacle(problem, asked.W)
     if reason is None and not acts_by_component(problem):
-        reason = "does not apply: boxes are counted out for couplings that act on each state component by itself."
+        reason = "does not apply: the exhaustive method needs couplings that act on each state component by itself."
     if reason is not None:
         return [undecided_check("exhaustive", asked.domain, reason, applies=False)] if asked.everything else []
     report("deciding the region (exhaustive)")
@@ -56,7 +56,7 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
     if best is None:
         where = "reach beyond the quadratic certificate" if asked.everything else f"cover |e| <= {asked.ball:.6g}"
         many = f"too many would be needed (at most {MOST_BOXES})"
-        reason = f"no boxes are found that {where}: V' < 0 ends before, or {many}."
+        reason = f"no boxes are found that {where}: V' < 0 fails closer in, or {many}."
         return [undecided_check("exhaustive", asked.domain, reason)]
     radius, remark = _ball(asked, best), ""
     if not asked.wanted or radius < asked.ball:

@@ -137,7 +137,7 @@ def theorem_check(
         if general is not None:
             return general
     if pair is None:
-        reason = "no pair (P, Q) was found, though none of the known obstacles stands in the way; give W and P."
+        reason = "no pair (P, Q) was found, and no proof that there is none; give W and P."
         return undecided(reason=reason)
     refuted = partial(Check, id=id, verdict=Verdict.REFUTED, domain=statements.domain)
     not_p = "P is not positive definite: v'Pv <= 0 for the vector shown, so V is no Lyapunov function."

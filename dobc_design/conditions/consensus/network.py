@@ -141,9 +141,9 @@ def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
 def why_undecided(matrix: Enclosed) -> str:
     """What to say where neither M < 0 nor a witness against it was found."""
     if matrix.deviations:
-        return "is closer to 0 than the irrational slopes of h are known; change a gain a little."
+        return "is too close to 0 for the enclosures of the irrational slopes of h; change a gain a little."
     return (
-        f"was not told from 0: with {matrix.middle.size} rows the exact elimination would take too long. Change a gain"
+        f"is not known to differ from 0: with {matrix.middle.size} rows exact elimination takes too long. Change a gain"
         " a little, or use couplings that act by component with slopes >= 0, which need no elimination."
     )
 
@@ -290,14 +290,14 @@ def refutation(problem: Problem, vector: Vector, *, alone: Sequence[int], roots:
     labels = tuple(problem.network.labels[i] for i in alone)
     if labels and set(moved) <= set(labels):
         hears, them = ("hears", "it") if len(labels) == 1 else ("hear", "them")
-        text = f"{name_agents(labels)} {hears} no pinned agent, so nothing holds {them}:"
+        text = f"{name_agents(labels)} {hears} no pinned agent, so nothing pulls {them} to the target:"
         moving = f"{them} alone" if len(moved) == len(labels) == 1 else them if moved == labels else name_agents(moved)
         text += f" v' Lambda v >= 0 for the vector that moves {moving}."
     else:
-        text = f"the slowest direction is carried by {name_agents(moved)}: V = e'e does not decrease along it."
+        text = f"for the error vector shown, which moves {name_agents(moved)}, V = e'e does not decrease."
         pinned = {problem.network.labels[i] for i in problem.pinning.agents}
         if pinned and not pinned & set(moved):
-            text += " No gain on the present pins changes that."
+            text += " No gain on the pinned agents changes that."
     if roots:
         text += f" The linearisation has {roots} eigenvalue(s) with positive real part: the target is unstable."
     return text

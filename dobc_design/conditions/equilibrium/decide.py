@@ -195,6 +195,6 @@ def _reason(problem: Problem, claim: Equilibrium) -> str:
     more = ", ..." if len(claim.middle) > SHOWN else ""
     advice = "Ask for a smaller region, or raise the gains until it is gone."
     if claim.is_point:
-        advice = "Others may lie beside it, down to the target: pin more agents."
+        advice = "Others may lie between it and the target: pin more agents."
     where = f"in mode {claim.mode} the agents can rest away from the target, at x = ({', '.join(named)}{more})"
     return f"Consensus fails: {where}. This start lies in the region asked for. {advice}"

@@ -48,7 +48,7 @@ def observability_check(exosystem: Exosystem, problem: Problem | None = None) ->
     return _check(
         id="observability",
         verdict=Verdict.REFUTED,
-        reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown never reach the disturbance.",
+        reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown do not appear in d.",
         claim=claim,
         witness=Witness(kind="vector", values=tuple(number_text(x) for x in found.unobservable[0])),
         fix=_reduction(exosystem, problem),
@@ -61,7 +61,7 @@ def detectability_check(exosystem: Exosystem, problem: Problem | None = None) ->
     polynomial = found.unobservable_text
     claim = Values({"unobservable_polynomial": polynomial})
     if found.verdict is Verdict.PROVED:
-        hidden = "nothing is hidden from C" if polynomial == "1" else f"the hidden part {polynomial} decays"
+        hidden = "no part is unobservable" if polynomial == "1" else f"the unobservable part {polynomial} decays"
         reason = f"(A, C) is detectable: {hidden}."
         return _check(id="detectability", verdict=Verdict.PROVED, reason=reason, claim=claim)
     return _check(

@@ -104,7 +104,7 @@ class Staging:
 
     def __post_init__(self) -> None:
         if not self.stages or self.stages[0].start:
-            raise SpecError("stages must be at least one, and the first must start at 0.", key="stages")
+            raise SpecError("there must be at least one stage, and the first must start at 0.", key="stages")
         for before, after in zip(self.stages, self.stages[1:], strict=False):
             if after.start < before.start:
                 raise SpecError("stages must be in the order of their starts.", key="stages")
@@ -113,7 +113,7 @@ class Staging:
             if (after.factor is None) is before.is_quadratic:
                 raise SpecError("factor belongs to a quadratic stage that follows a quadratic one.", key="factor")
         if self.stages[0].factor is not None:
-            raise SpecError("the first stage follows nobody and has no factor.", key="factor")
+            raise SpecError("the first stage follows no other, so it has no factor.", key="factor")
         for name in ("radius", "tolerance"):
             if getattr(self, name) <= 0:
                 raise SpecError(f"{name} must be > 0.", key=name)

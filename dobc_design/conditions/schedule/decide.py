@@ -98,7 +98,7 @@ def _needs(problem: Problem, W: Matrix | None, staging: Staging, k: int) -> Iter
 def proved_reason(staging: Staging) -> str:
     """What a proved chain says, in a sentence."""
     count = len(staging.stages)
-    how = "one certificate." if count == 1 else f"{count} certificates in turn."
+    how = "one certificate." if count == 1 else f"{count} certificates in sequence."
     return f"|e(t)|_inf <= {float(staging.tolerance):.4g} for all t >= {float(staging.time):.6g} s, by {how}"
 
 
@@ -176,7 +176,7 @@ def _own(stage: Stage) -> Iterator[StagingAnswer]:
 def _starting(problem: Problem, stage: Stage, staging: Staging) -> Iterator[StagingAnswer]:
     """The starts lie in the first stage's level set, and that lies in its guard."""
     certificate, s = stage.certificate, staging.disturbance
-    outside = "not all starts asked for lie in its first level set."
+    outside = "its first level set does not contain all starts."
     if isinstance(certificate, Separable):
         room = stage.level - staging.radius / certificate.least
         yield _fact("start", room >= 0, outside)

@@ -197,7 +197,7 @@ def _decide(question: _Question, claim: Separable, row: Row, place: Place, face:
         verdict, s = decide_row(row, face, question.profiles, alpha=claim.alpha, rho=claim.rho)
         if verdict is Verdict.PROVED:
             return None
-    what = "fails" if verdict is Verdict.REFUTED else "is closer to failing than the enclosures can tell"
+    what = "fails" if verdict is Verdict.REFUTED else "is too close to failing for the enclosures to decide"
     at = "" if s is None else f" at s = {float(s):.6g}"
     who = question.problem.network.labels[place.agent]
     who += f" (and {place.count - 1} more alike)" if place.count > 1 else ""

@@ -194,7 +194,7 @@ def _remark(asked: Asked, claim: Separable, radius: float) -> str:
     if answer.verdict is Verdict.REFUTED and answer.agent is not None:
         label = asked.problem.network.labels[answer.agent]
         where = f" in mode {answer.mode}" if len(asked.problem.network.modes) > 1 else ""
-        who = f", and with this one agent {label} is no longer held{where}"
+        who = f", and with this v the row of agent {label} fails{where}"
     return f" The box reaches |e_i| <= {radius:.6g}, {wish}: beyond, no v is found{who}."
 
 

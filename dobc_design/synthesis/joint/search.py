@@ -196,11 +196,11 @@ def _attempt(
     if best is not None:
         return best
     if tries:
-        text = f"{counted(tries, 'design')} were tried, none was proved to do; the last: {reason}"
+        text = f"{counted(tries, 'design')} were tried, and none was proved; the last: {reason}"
         return ground.nothing(Verdict.UNDECIDED, text)
     asked = "" if request.rate is None else f" at {typed_number(request.rate)} 1/s"
     what = "the consensus" if bare.region is None else "the region asked for"
-    text = f"no gains on the allowed agents were found that a proof of {what} reaches{asked}, and no proof that there"
+    text = f"no gains on the allowed agents were found for which {what} is proved{asked}, and no proof that there"
     return ground.nothing(Verdict.UNDECIDED, f"{text} are none.")
 
 
@@ -493,14 +493,14 @@ def price_words(problem: Problem, found: RegionGains, allowed: Sequence[int], ca
     yield f"Price of the rate: near {found.rate:.4g} 1/s, each 1 % more takes about {share:.3g} % more gain."
     capped = [labels[i] for i, k in found.gains.items() if i in caps and k >= 0.999 * float(caps[i])]
     if capped:
-        stand = "stands" if len(capped) == 1 else "stand"
-        yield f"Price of the caps: {name_agents(capped)} {stand} at the largest gain allowed."
+        stand = "has" if len(capped) == 1 else "have"
+        yield f"Price of the caps: {name_agents(capped)} {stand} the largest gain allowed."
     others = [i for i in range(problem.n) if i not in found.gains]
     best = sorted(others, key=lambda i: (-round(float(found.prices[i]), 6), i))[:BUYS]
     if best and found.prices[best[0]] > 1:
         named = ", ".join(f"agent {labels[i]} {found.prices[i]:.3g}" for i in best if found.prices[i] > 1)
         kept = "" if best[0] in set(allowed) else f" (pins there are not allowed on agent {labels[best[0]]})"
-        most = f"agent {labels[best[0]]} would buy most. Each 1/s of gain there would save about so much elsewhere"
+        most = f"agent {labels[best[0]]} would save most. Gain saved elsewhere (1/s) for each 1/s of gain there"
         yield f"Price of so few pins: {most}: {named}{kept}."
     elif others:
         yield "Price of so few pins: none; a gain on any other agent would cost more than it saves."
@@ -580,7 +580,7 @@ def _largest_step(points: Sequence[TradePoint]) -> Iterator[str]:
         before, after = max(pairwise(points), key=lambda step: step[1].y / step[0].y)
         new = ", ".join(label for label in after.pinned if label not in before.pinned)
         step, times = f"from {before.x:g} to {after.x:g} pins", f"{after.y / before.y:.3g} times"
-        yield f"The step that buys most: {step}, with agent {new} the rate grows {times}."
+        yield f"The most useful step: {step}. With agent {new} the rate grows {times}."
 
 
 def _noise_point(observer: ObserverDesign) -> list[TradePoint]:

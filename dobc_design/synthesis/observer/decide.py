@@ -146,7 +146,7 @@ def sampled_statements(
             return proved(kind, f"{text}.", **shown)
         if exponential.interval_routh(roots.disk_image(polynomial, centre=centre, radius=radius.hi)) is Verdict.REFUTED:
             return refuted(kind, f"it is false that {text}.", **shown)
-        return undecided(kind, f"it stays open whether {text}.", **shown)
+        return undecided(kind, f"it is not decided whether {text}.", **shown)
 
     return tuple(state(*each) for each in asked)
 
@@ -316,7 +316,7 @@ def _undetectable_groups(problem: Problem, *, reduce: bool) -> Iterator[Statemen
             continue
         kept = [(key.rpartition(".")[2], value_text(value)) for key, value in check.fix.set.items() if value]
         rest = f" ({'; '.join(f'{name} = {value}' for name, value in kept)})" if kept else ""
-        cure = f"Write its observable part in its place{rest}, and design again; that is done by itself only where all"
+        cure = f"Replace it by its observable part{rest}, and design again. This is automatic only if all"
         yield undecided("detectable", f"{text} {cure} agents have one exosystem.")
 
 

@@ -29,7 +29,7 @@ def search_groups(groups: Sequence[Group], request: ObserverRequest) -> Observer
     names = [group.name for group in groups]
     verdict = Verdict.all_of([design.verdict for design in found])
     if verdict is Verdict.PROVED:
-        reason = "W of every group, as it is written with its rounded entries, does everything that was asked."
+        reason = "W of every group, with its rounded entries, meets all requirements."
         return _side_by_side(names, found, request, verdict, reason)
     name, worst = next((n, d) for n, d in zip(names, found, strict=True) if d.verdict is verdict)
     near = [design if design.verdict is Verdict.PROVED else design.nearest for design in found]
@@ -100,7 +100,7 @@ def _attempt(exosystem: Exosystem, request: ObserverRequest) -> ObserverDesign:
         statements = decide.gain_statements(exosystem, W, request)
         if all(statement.verdict is Verdict.PROVED for statement in statements):
             return _proved(exosystem, request, W, source, statements)
-    none = "no W was found that does everything that was asked, and no proof that there is none."
+    none = "no W was found that meets all requirements, and no proof that there is none."
     return without(verdict=Verdict.UNDECIDED, reason=none)
 
 
@@ -128,7 +128,7 @@ def _proved(
         source=source,
         statements=statements,
         measures=measures,
-        reason="W, as it is written with its rounded entries, does everything that was asked.",
+        reason="W, with its rounded entries, meets all requirements.",
     )
 
 

@@ -193,7 +193,7 @@ def structural_obstacle(problem: Problem, pins: int | str | None, structure: Str
     if isinstance(pins, int) and pins < structure.least:
         groups = structure.apart if len(structure.apart) > pins else structure.groups
         named = "; ".join(name_agents([labels[i] for i in group]) for group in groups[:8])
-        text = f"{counted(pins, 'pin')} cannot do{always}, whatever the gains: at least {structure.least} are needed,"
+        text = f"{counted(pins, 'pin')} cannot work{always}, whatever the gains: at least {structure.least} are needed,"
         text += f" because each of these groups hears nobody outside{where} and needs a pin of its own: {named}."
         every = " | ".join(", ".join(labels[i] for i in group) for group in groups[:50])
         return refuted("pins", text, least=str(structure.least), groups=every)

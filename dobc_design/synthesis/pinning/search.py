@@ -118,7 +118,7 @@ def _too_fast(ground: Ground, proposer: PinningProposer) -> Statement | None:
     if {ground.problem.network.labels[i] for i in set(request.allowed) & set(request.caps)} & set(moved):
         kind, because = "max_gain", "even with every gain at its cap the direction shown decays more slowly"
     where = f" in mode {mode}" if len(ground.lambdas) > 1 else ""
-    text = f"no gains reach the rate {shown_number(request.rate)}{where}: {because}. It is carried by"
+    text = f"no gains reach the rate {shown_number(request.rate)}{where}: {because}. It involves"
     return refuted(kind, f"{text} {name_agents(moved)}.", mode=mode, **values)
 
 

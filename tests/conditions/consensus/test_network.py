@@ -108,7 +108,7 @@ def test_of_unreached_agents_those_are_shown_that_suffice_and_all_are_named():
     """4 hears 5 hears 6 hears nobody: moving 6 alone is enough."""
     problem = linked([[2, 1], [3, 2], [4, 5], [5, 6]], gains={1: 5})
     lemma = certify(problem).check("lemma1")
-    assert lemma.reason.startswith("agents 4, 5 and 6 hear no pinned agent, so nothing holds them:")
+    assert lemma.reason.startswith("agents 4, 5 and 6 hear no pinned agent, so nothing pulls them to the target:")
     assert lemma.witness.labels == ("6",)
     assert lemma.witness.values == ("0", "0", "0", "0", "0", "1")
 
@@ -118,8 +118,8 @@ def test_a_slow_direction_is_told_by_those_who_carry_it():
     problem = linked([[1, 3], [3, 7, 4], [7, 3], [3, 1], [7, 1, "1/100"]], gains={1: 100})
     lemma = certify(problem).check("lemma1")
     assert lemma.witness.labels == ("3", "7")
-    assert "the slowest direction is carried by agents 3 and 7" in lemma.reason
-    assert "No gain on the present pins changes that." in lemma.reason
+    assert "the error vector shown, which moves agents 3 and 7" in lemma.reason
+    assert "No gain on the pinned agents changes that." in lemma.reason
     v = [Fraction(x) for x in lemma.witness.values]
     assert form(Oracle(problem).lambda_("G"), v) >= 0
     assert all(x.denominator == 1 and abs(x) <= 9 for x in v)

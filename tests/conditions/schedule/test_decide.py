@@ -211,7 +211,7 @@ def test_a_chain_that_cannot_be_is_refused():
         ((second,), "must start at 0"),
         ((first, third, second), "in the order|may follow"),
         ((first, fourth), "factor belongs"),
-        ((replace(fourth, start=F(0)),), "follows nobody"),
+        ((replace(fourth, start=F(0)),), "follows no other"),
         ((first, replace(second, start=third.start), replace(third, start=second.start)), "in the order"),
         ((first, third, replace(second, start=third.start)), "no max-separable stage may follow"),
     ):

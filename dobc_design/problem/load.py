@@ -357,11 +357,9 @@ def _check_version(document: Mapping[str, Any]) -> None:
 
 def _tried(part: Callable[[], T], errors: list[SpecError]) -> T | None:
     """What ``part`` returns, or None when it raises a SpecError, which is kept."""
-    try:
+    with kept(errors):
         return part()
-    except SpecError as error:
-        errors.extend(error.errors)
-        return None
+    return None
 
 
 def _given(table: BaseModel | None) -> dict[str, Any] | None:

@@ -357,9 +357,11 @@ def _check_version(document: Mapping[str, Any]) -> None:
 
 def _tried(part: Callable[[], T], errors: list[SpecError]) -> T | None:
     """What ``part`` returns, or None when it raises a SpecError, which is kept."""
-    with kept(errors):
+    try:
         return part()
-    return None
+    except SpecError as error:
+        errors.extend(error.errors)
+        return None
 
 
 def _given(table: BaseModel | None) -> dict[str, Any] | None:

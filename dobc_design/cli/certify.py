@@ -205,11 +205,12 @@ def _head(certificate: Certificate) -> dict[str, Any]:
 
 def _cured_file(certificate: Certificate, source: str, target: Path) -> bytes:
     """The bytes of the cured problem.  Raises SpecError when there is nothing to cure, or no cure."""
-    from dobc_design.conditions.check import main_fix
+    from dobc_design.conditions.check import main_cure
     from dobc_design.problem.changes import changed_file
     from dobc_design.problem.load import source_text
 
-    fix = main_fix(certificate.checks)
+    check = main_cure(certificate.checks)
+    fix = None if check is None else check.fix
     output.require_toml(target, key="--apply-fix")
     if fix is None:
         message, cure = "no cure is known for this problem.", "The reasons of the checks say what fails."

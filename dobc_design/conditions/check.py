@@ -201,12 +201,6 @@ def main_cure(checks: Sequence[Check]) -> Check | None:
     return min(cured, key=lambda check: order.index(check.id), default=None)
 
 
-def main_fix(checks: Sequence[Check]) -> Fix | None:
-    """The fix of ``main_cure``, None where nothing is to be cured or no cure is known."""
-    check = main_cure(checks)
-    return None if check is None else check.fix
-
-
 def other_cures(checks: Sequence[Check]) -> list[Check]:
     """Checks with a fix that sets other keys than the main one and than those before, which supersede it."""
     main = main_cure(checks)

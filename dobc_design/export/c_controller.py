@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 from dobc_design.certificate.claims import Claims, certified_period
 from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus, linearisation
 from dobc_design.conditions.numbers import rounded_down
-from dobc_design.conditions.statement import Statement
+from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import UndefinedError, discretise
@@ -39,8 +40,7 @@ def certified_sampling(problem: Problem, claims: Claims, period: Fraction) -> St
     """State whether ``period`` (s) is within the one that the certificate proves: PROVED, or UNDECIDED."""
     longest = certified_period(problem, claims)
     if longest is None:
-        text = "the certificate has no proved check `sampling`."
-        return Statement(kind="certified-sampling", verdict=Verdict.UNDECIDED, text=text)
+        return undecided("certified-sampling", "the certificate has no proved check `sampling`.")
     domain = next(check.domain for check in claims.checks if check.id == "sampling")
     where = ", from every start" if domain == "global" else ""
     if isinstance(domain, dict) and "radius" in domain:
@@ -79,27 +79,25 @@ def sampled_network_statement(problem: Problem, period: Fraction) -> Statement:
     """State whether e_(k+1) = (I + T (J - K)) e_k dies out in every mode: exact, at the consensus.  UNDECIDED for n m >
     40 (200 where J - K is symmetric), for slopes that are not rational, and where an agent that nothing pins keeps its
     error."""
-
-    def answer(verdict: Verdict, text: str) -> Statement:
-        return Statement(kind="sampled-network", verdict=verdict, text=text, exact={"period": number_text(period)})
-
+    answer = partial(Statement, kind="sampled-network", exact={"period": number_text(period)})
     if problem.n * problem.m > MOST_SYMMETRIC:
-        return answer(Verdict.UNDECIDED, f"the sampled network is not decided for more than {MOST_SYMMETRIC} rows.")
+        text = f"the sampled network is not decided for more than {MOST_SYMMETRIC} rows."
+        return answer(verdict=Verdict.UNDECIDED, text=text)
     try:
         modes = jacobians_at_consensus(problem).modes
     except UndefinedError:
-        return answer(Verdict.UNDECIDED, "the coupling has no derivative at the consensus.")
+        return answer(verdict=Verdict.UNDECIDED, text="the coupling has no derivative at the consensus.")
     found = {mode.name: _mode_verdict(problem, mode, period) for mode in modes}
     bad, unknown = ([n for n, each in found.items() if each is v] for v in (Verdict.REFUTED, Verdict.UNDECIDED))
     if bad:
         text = f'held over {float(period):.4g} s, couplings and pinning drive the agents apart in mode "{bad[0]}": an'
-        return answer(Verdict.REFUTED, f"{text} eigenvalue of I + T (J - K) lies outside the unit disk.")
+        return answer(verdict=Verdict.REFUTED, text=f"{text} eigenvalue of I + T (J - K) lies outside the unit disk.")
     if unknown:
         text = f'in mode "{unknown[0]}" it stays open whether the sampled network converges at the consensus: an agent'
         text += " that nothing reaches keeps its error, a slope is not rational, or there are more than"
-        return answer(Verdict.UNDECIDED, f"{text} {MOST_ROWS} rows.")
+        return answer(verdict=Verdict.UNDECIDED, text=f"{text} {MOST_ROWS} rows.")
     text = "in every mode the sampled network converges near the consensus: all eigenvalues of I + T (J - K) lie inside"
-    return answer(Verdict.PROVED, f"{text} the unit disk (period {float(period):.4g} s).")
+    return answer(verdict=Verdict.PROVED, text=f"{text} the unit disk (period {float(period):.4g} s).")
 
 
 def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fraction | None:

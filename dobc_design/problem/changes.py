@@ -107,7 +107,7 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
         if key not in CHANGEABLE:
             what = f"{shown(key)} is no key that a change may set."
             raise SpecError(what, key=key, cure=f"One of {', '.join(CHANGEABLE)}.")
-    remake, (given,) = problem.__reduce__()  # everything that makes the problem, for a copy
+    given: dict[str, Any] = {}
     if problem.is_grouped:
         if any(key in _OF_ALL for key in changes):
             what = "exosystem and observer cannot be changed by key where agents have different ones."
@@ -127,8 +127,7 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
     given["gains"] = changes.get("pinning.gains", problem.pinning)
     given["simulation"] = replace(problem.simulation, **_below("simulation", changes))
     given["region"] = problem.region and replace(problem.region, **_below("region", changes))
-    changed: Problem = remake(given)
-    return changed
+    return problem.replace(**given)
 
 
 def _below(table: str, changes: Mapping[str, Any]) -> dict[str, Any]:

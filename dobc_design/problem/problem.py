@@ -269,7 +269,7 @@ class Problem(Shown):
         return Problem(**self._arguments() | changes)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _remake, (self._arguments(),)  # the read-only mappings cannot be pickled
+        return partial(Problem, **self._arguments()), ()  # the read-only mappings cannot be pickled
 
     def _arguments(self) -> dict[str, Any]:
         names = ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
@@ -384,10 +384,6 @@ class Problem(Shown):
         """xbar + offset_i, where agent i is to go."""
         offset = self.offsets.get(agent)
         return self.target if offset is None else tuple(x + o for x, o in zip(self.target, offset, strict=True))
-
-
-def _remake(given: dict[str, Any]) -> Problem:
-    return Problem(**given)
 
 
 def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int:

@@ -35,17 +35,12 @@ _HELP = "What would help: "  # in the reason of an undecided certificate
 _WORDS = (
     (
         "margin",
-        "",
         "How much may be added to the diagonal of the network block before the condition fails; for a refuted"
         " condition it is negative: the condition fails by at least this much.",
     ),
-    ("rate", "", "A number β in 1/s for which exp(−βt) is proved to bound the decay."),
-    ("near the target", "", "In some neighbourhood of the consensus, of unknown size."),
-    (
-        "pin",
-        "",
-        "An agent with a gain k > 0 knows the target and is pulled there; the others know their neighbours only.",
-    ),
+    ("rate", "A number β in 1/s for which exp(−βt) is proved to bound the decay."),
+    ("near the target", "In some neighbourhood of the consensus, of unknown size."),
+    ("pin", "An agent with a gain k > 0 knows the target and is pulled there; the others know their neighbours only."),
 )
 #: The equations of the loop: what each is, its LaTeX, its number in the paper.
 _COUPLED = r"\dot x_i = \sum_{j \in N_i} w_{ij}\, h_{ij}(x_j - x_i) + u_i"
@@ -86,7 +81,7 @@ def report_document(
     mark, proved = words.mark_of(verdict), verdict is Verdict.PROVED
     facts = [(name, told) for name, told in words.facts(certificate).items() if proved or told != "–"]
     identity = checks.title_block(certificate, prints)
-    verdicts = doc.Terms([(words.mark_of(each), "", words.MEANINGS[each]) for each in Verdict])
+    verdicts = doc.Terms([(words.mark_of(each), words.MEANINGS[each]) for each in Verdict])
     return doc.Document(
         kind="Certificate of consensus",
         name=problem.name,

@@ -85,9 +85,9 @@ class Facts(Block):
 
 @dataclass(frozen=True, slots=True)
 class Terms(Block):
-    """Words and what they mean: (word, id that stands behind it, meaning)."""
+    """Words and what they mean."""
 
-    items: Sequence[tuple[str | Mark, str, str]]
+    items: Sequence[tuple[str | Mark, str]]
 
 
 @dataclass(frozen=True, slots=True)

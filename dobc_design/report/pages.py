@@ -72,9 +72,8 @@ def _lines(block: doc.Block, *, top: bool = False) -> Iterator[str]:
             yield from (f"- {_words(item)}" for item in items)
             yield ""
         case doc.Terms(items):
-            for word, id, meaning in items:
-                name = word.verdict if isinstance(word, doc.Mark) else word
-                yield f"- {escape(f'{name} ({id})' if id else name)}: {escape(meaning)}"
+            for word, meaning in items:
+                yield f"- {escape(word.verdict if isinstance(word, doc.Mark) else word)}: {escape(meaning)}"
             yield ""
         case doc.Facts(rows):
             yield from _table(("", ""), (map(escape, row) for row in rows))

@@ -139,7 +139,7 @@ def _blocks(blocks: Iterable[doc.Block], level: int = 1) -> Iterator[dict[str, A
             case doc.Facts(rows):
                 yield _table(("", ""), rows)
             case doc.Terms(items):
-                yield _table(("word", "meaning"), [(word, capitalize_first(meaning)) for word, _, meaning in items])
+                yield _table(("word", "meaning"), [(word, capitalize_first(meaning)) for word, meaning in items])
             case doc.Table(columns=columns, rows=rows):
                 yield _table([each.head for each in columns], rows, columns)
             case doc.Signatures(heads, roles):

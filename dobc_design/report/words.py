@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, Final
 
+from dobc_design._show.cards import SIGNS
 from dobc_design._show.text import significant, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
@@ -28,7 +29,6 @@ MOST_MODES = 6
 MOST_NAMES = 12
 MOST_EIGENVALUES = 8
 GIVEN, FOUND = "the P given", "the P found"
-SYMBOLS = {Verdict.PROVED: "✓", Verdict.REFUTED: "✗", Verdict.UNDECIDED: "?"}
 MEANINGS = {
     Verdict.PROVED: "Shown by exact arithmetic on rational numbers. No solver and no rounding is trusted: what a solver"
     " proposed was rounded to rationals and then decided. Anybody can repeat the decision.",
@@ -70,7 +70,7 @@ _TIMED = "messages without noise or quantisation; late messages and sampling as 
 
 def mark_of(verdict: Verdict) -> doc.Mark:
     """A verdict as a sign and a word."""
-    return doc.Mark(SYMBOLS[verdict], verdict.value)
+    return doc.Mark(SIGNS[verdict.value], verdict.value)
 
 
 def domain_words(domain: Domain) -> str:

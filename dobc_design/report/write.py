@@ -20,10 +20,11 @@ from dobc_design.problem.problem import Problem
 
 if TYPE_CHECKING:
     from dobc_design.falsification.suspect import Falsification
+    from dobc_design.report.document import Document
 
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
 DRAWN_ORDER = 100  # of the exosystem, likewise
-PAGE, PDF = "report.html", "report.pdf"
+PAGE = "report.html"
 SHOWN = 12  # rows up to which Lambda is printed
 
 
@@ -66,8 +67,7 @@ def render_report(
     what the stages of a settling time say about sampling and delays are computed here and handed to the report, which
     computes nothing."""
     from dobc_design.report.content import report_document
-    from dobc_design.report.pages import html_page, markdown_page
-    from dobc_design.report.pdf import pdf_page, require_typst
+    from dobc_design.report.pdf import require_typst
 
     if pdf:
         require_typst()  # said before anything is computed
@@ -99,11 +99,18 @@ def render_report(
         timings=timings,
         searches=searches,
     )
-    pages = {PAGE: html_page(document, full=full).encode("utf-8"), "report.md": markdown_page(document).encode("utf-8")}
     if pdf:
         say("setting the PDF")
-        pages[PDF] = pdf_page(document, full=full)
-    return pages
+    return _pages(document, "report", pdf=pdf, full=full)
+
+
+def _pages(document: Document, name: str, *, pdf: bool, full: bool = False) -> dict[str, bytes]:
+    from dobc_design.report.pages import html_page, markdown_page
+    from dobc_design.report.pdf import pdf_page
+
+    html, text = html_page(document, full=full), markdown_page(document)
+    printed = {f"{name}.pdf": pdf_page(document, full=full)} if pdf else {}
+    return {f"{name}.html": html.encode("utf-8"), f"{name}.md": text.encode("utf-8")} | printed
 
 
 def write_comparison(
@@ -124,13 +131,8 @@ def write_comparison(
 def render_comparison(first: Certificate, second: Certificate, *, pdf: bool = False) -> dict[str, bytes]:
     """The bytes of comparison.html and comparison.md by name, and with ``pdf`` of comparison.pdf."""
     from dobc_design.report.comparison import comparison_document
-    from dobc_design.report.pages import html_page, markdown_page
-    from dobc_design.report.pdf import pdf_page
 
-    document = comparison_document(first, second)
-    html, text = html_page(document).encode("utf-8"), markdown_page(document).encode("utf-8")
-    printed = {"comparison.pdf": pdf_page(document)} if pdf else {}
-    return {"comparison.html": html, "comparison.md": text} | printed
+    return _pages(comparison_document(first, second), "comparison", pdf=pdf)
 
 
 def render_latex(certificate: Certificate) -> dict[str, bytes]:

@@ -252,9 +252,7 @@ def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
     return total
 
 
-def climb(
-    programs: Iterable[tuple[Program, T]], *, time_limit: float = TIME_LIMIT
-) -> Iterator[tuple[Solution, T, str]]:
+def climb(programs: Iterable[tuple[Program, T]]) -> Iterator[tuple[Solution, T, str]]:
     """Solve each program by Clarabel and, where that gave no point for one of them, by SCS through cvxpy.  Returns: the
     answer (perhaps without values), the label, and how it came about: "" for Clarabel, else such as "by SCS, after
     Clarabel gave no point (MaxTime)"."""
@@ -263,7 +261,7 @@ def climb(
     trouble: str | None = None
     for program, label in source:
         asked.append((program, label))
-        answer = solve_directly(program, time_limit=time_limit)
+        answer = solve_directly(program, time_limit=TIME_LIMIT)
         if answer.broken or not answer.found:
             trouble = answer.status
         yield answer, label, ""
@@ -272,7 +270,7 @@ def climb(
     if trouble is None:
         return
     for program, label in (*asked, *source):
-        answer = solve_dense(program, solver=SECOND, time_limit=time_limit)
+        answer = solve_dense(program, solver=SECOND, time_limit=TIME_LIMIT)
         yield answer, label, f"by {SECOND}, after Clarabel gave no point ({trouble})"
         if answer.broken:
             return

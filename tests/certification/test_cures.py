@@ -13,7 +13,7 @@ from linked import linked
 from regions import without_region
 
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.check import main_fix
+from dobc_design.conditions.check import main_cure
 from dobc_design.conditions.consensus import cures
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.exosystems import Exosystem
@@ -49,7 +49,7 @@ def with_minimum(problem, fix, part=1):
 def test_the_ten_cycle_without_pins_is_cured_by_any_one_pin():
     """Balanced: every gain > 0 does, so the one for half of the fastest rate 2 (1 - cos(pi/10)) is offered."""
     problem, stages = cycle(10, exosystem=HARMONIC), []
-    fix = main_fix(certify(problem, progress=stages.append).checks)
+    fix = main_cure(certify(problem, progress=stages.append).checks).fix
     assert "looking for a cure" in stages and any("tried" in stage for stage in stages)
     assert list(gains_of(fix)) == ["1"]
     assert "Any other agent would do as well." in fix.text
@@ -66,7 +66,7 @@ def test_a_chain_pinned_at_the_wrong_end_gets_a_pin_at_the_other():
     """1 hears 2 hears 3: nothing on 1 and 2 helps; the gains that are there stay."""
     problem = linked([[1, 2], [2, 3]], gains={1: 5}, exosystem=HARMONIC)
     certificate = certify(problem)
-    fix = main_fix(certificate.checks)
+    fix = main_cure(certificate.checks).fix
     assert gains_of(fix)["1"] == 5
     assert list(gains_of(fix)) == ["1", "3"]
     assert "No gain on agent 1 can help: the error of agent 3 would not decrease." in fix.text
@@ -81,7 +81,7 @@ def test_a_chain_pinned_at_the_wrong_end_gets_a_pin_at_the_other():
 
 def test_two_closed_groups_get_a_pin_each():
     problem = linked([[1, 2], [2, 1], [3, 4], [4, 3], [5, 1], [5, 3]], gains={5: 5})
-    fix = main_fix(certify(problem).checks)
+    fix = main_cure(certify(problem).checks).fix
     added = set(gains_of(fix)) - {"5"}
     assert len(added & {"1", "2"}) == len(added & {"3", "4"}) == 1
     assert len(added) == 2
@@ -96,7 +96,7 @@ def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
     problem = linked([[1, 2, 3]], gains={2: "1/2"}, exosystem=HARMONIC)
     certificate = certify(problem)
     assert certificate.check("theorem1").verdict is Verdict.REFUTED
-    fix = main_fix(certificate.checks)
+    fix = main_cure(certificate.checks).fix
     assert list(gains_of(fix)) == ["2"]
     assert Fraction(3, 4) < minimum_of(fix)["2"] <= Fraction(3, 4) * Fraction(102, 100)
     assert theorem_holds(cured(problem, fix.set))
@@ -106,7 +106,7 @@ def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
 
 def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
     problem = linked([[1, 2, 3], [2, 1]], gains={1: "1/9"})
-    fix = main_fix(certify(problem).checks)
+    fix = main_cure(certify(problem).checks).fix
     assert list(gains_of(fix)) == ["1"]
     assert "Also possible, with a pin on agent 2" in fix.text
     assert theorem_holds(cured(problem, fix.set))
@@ -114,7 +114,7 @@ def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
     assert not theorem_holds(with_minimum(problem, fix, Fraction(97, 100)))
     # matrix gains that leave a direction free are cured by gains that are numbers
     problem = linked([[1, 2], [2, 1]], target=[0, 0], gains={1: [[1, 0], [0, 0]]})
-    fix = main_fix(certify(problem).checks)
+    fix = main_cure(certify(problem).checks).fix
     assert list(gains_of(fix)) == ["1"]
     assert theorem_holds(cured(problem, fix.set))
 
@@ -123,7 +123,7 @@ def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
 def test_an_undetectable_pair_is_cured_by_its_observable_part(exosystem):
     problem = linked([[1, 2], [2, 1]], gains=1, exosystem=exosystem)
     certificate = certify(problem)
-    fix = main_fix(certificate.checks)
+    fix = main_cure(certificate.checks).fix
     assert fix.kind == "exosystem"
     assert certificate.check("theorem1").fix == fix
     assert theorem_holds(cured(problem, fix.set))
@@ -134,7 +134,7 @@ def test_an_exosystem_that_is_not_seen_at_all_takes_everything_about_it_along():
     region = {"initial_states": [0, 5], "initial_disturbance": 1}
     given = {"exosystem": Exosystem(A=[[1]], C=[[0], [0]]), "observer": Observer(rate=1), "region": region}
     problem = linked([[1, 2], [2, 1]], gains=1, simulation={"xi0": [1]}, target=[1, 2], **given)
-    fix = main_fix(certify(problem).checks)
+    fix = main_cure(certify(problem).checks).fix
     whole = cured(problem, fix.set)
     assert (whole.exosystem, whole.m, whole.target) == (None, 2, (1, 2))
     assert theorem_holds(whole)
@@ -203,8 +203,8 @@ def test_several_modes_share_the_gains_of_one_cure():
 
 
 def test_what_holds_and_kinked_couplings_get_no_cure_and_a_library_that_breaks_down_costs_it_alone(monkeypatch):
-    assert main_fix(certify(cycle(4, gains=1, exosystem=HARMONIC)).checks) is None
-    assert main_fix(certify(cycle(4, coupling="clip(y, -1, 1)")).checks) is None
+    assert main_cure(certify(cycle(4, gains=1, exosystem=HARMONIC)).checks) is None
+    assert main_cure(certify(cycle(4, coupling="clip(y, -1, 1)")).checks) is None
 
     def broken(*args, **kwargs):
         raise ValueError("no convergence")

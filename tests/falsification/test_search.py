@@ -198,9 +198,9 @@ def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refus
 
 
 def test_a_set_counted_out_in_boxes_is_searched_to_its_outer_level():
-    """The outer level and the rate of the shell, not those of the ellipsoid within."""
-    lure = Lure(P_e=identity(2), ranges=(), radius=F(1), level=F(1, 4), rate=F(1, 2))
-    shell = Shell(lure=lure, outer=F(4), half=F(4), tree=".", rate=F(1, 8))
+    """The outer level of the shell, not that of the ellipsoid within."""
+    lure = Lure(P_e=identity(2), ranges=(), radius=F(1), level=F(1, 4), rate=F(1, 8))
+    shell = Shell(lure=lure, outer=F(4), half=F(4), tree=".")
     level = level_of(listening_pair(), shell)
     assert level.value(np.array([[2.0], [0.0]]), np.zeros((2, 0, 1))).tolist() == [1.0]
     assert level.rate == 0.125

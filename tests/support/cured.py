@@ -17,7 +17,7 @@ from linked import linked
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify, verify
-from dobc_design.conditions.check import main_fix
+from dobc_design.conditions.check import main_cure
 from dobc_design.problem.changes import changed_file, problem_text
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import read_problem_text
@@ -55,7 +55,8 @@ def cure_campaign(seeds: Iterable[int]) -> Tally:
             tally.counts[f"{check.id} refuted"] += 1
             missing = ["no cure"] if check.fix is None else []
             tally.wrong += [f"{seed}: {check.title}: {what}" for what in (*_false_witness(check, oracle), *missing)]
-        fix = main_fix(certificate.checks)
+        cure = main_cure(certificate.checks)
+        fix = None if cure is None else cure.fix
         if refuted and fix is not None:
             tally.counts[f"cured by {fix.kind}"] += 1
             if not theorem_holds(cured(problem, fix.set)):

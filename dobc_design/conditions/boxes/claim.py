@@ -41,10 +41,10 @@ UNDERFLOW: Final = 1e-290  # more than products too small for a double can add u
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shell:
-    """A claim: {V <= outer} is invariant and V' <= -2 rate V in it, V being that of ``lure``, whose level is smaller.
+    """A claim: {V <= outer} is invariant and V' <= -2 rate V in it; V and rate are of ``lure``, whose level is smaller.
 
     ``half``: the first box is |e_k| <= half.  ``tree``: how it is cut up, breadth first: a digit halves the box along
-    that coordinate (the lower half comes first), "." leaves it.  ``rate`` is at most lure.rate.
+    that coordinate (the lower half comes first), "." leaves it.
     Raises: SpecError for what cannot be a claim.
     """
 
@@ -52,24 +52,19 @@ class Shell:
     outer: Fraction
     half: Fraction
     tree: str
-    rate: Fraction = Fraction(0)
 
     def __post_init__(self) -> None:
         level = self.lure.level
         if level is None or self.outer < level or self.half <= 0:
             raise SpecError("outer must be at least the level of the inner certificate, and half > 0.", key="outer")
-        if not 0 <= self.rate <= self.lure.rate:
-            raise SpecError("rate must be >= 0 and at most that of the inner certificate.", key="rate")
 
     @property
     def whole(self) -> Lure:
-        """Its V with the outer level, and the rate there; not a certificate by itself."""
-        return replace(self.lure, level=self.outer, rate=self.rate)
+        """Its V with the outer level; not a certificate by itself."""
+        return replace(self.lure, level=self.outer)
 
     def to_json(self) -> dict[str, Any]:
-        """The exact values of a proved check.  Raises: ValueError for a rate other than the inner one."""
-        if self.rate != self.lure.rate:
-            raise ValueError("a certificate has one rate for both")
+        """The exact values of a proved check."""
         outer = {"outer": number_text(self.outer), "half": number_text(self.half), "tree": self.tree}
         return self.lure.to_json() | outer
 

@@ -40,10 +40,10 @@ def verify_shell(problem: Problem, shell: Shell) -> LureDecision:
     leaves = _leaves(shell, problem.n * problem.m)
     if leaves is None:
         return LureDecision(verdict=Verdict.REFUTED, step="boxes", reason="the tree does not describe boxes.")
-    S = border_of(problem, shell.lure, shell.rate)
-    if shell.lure.P is not None and S is None:  # cannot be: it was proved for a rate that is no smaller
+    S = border_of(problem, shell.lure, shell.lure.rate)
+    if shell.lure.P is not None and S is None:  # cannot be: it was proved
         return LureDecision(verdict=Verdict.UNDECIDED, step="observer", reason="Omega0 + 2 rate P < 0 is not shown.")
-    forms = build_forms(problem, shell.lure, S=S, rate=shell.rate)
+    forms = build_forms(problem, shell.lure, S=S, rate=shell.lure.rate)
     P_e = next(iter(forms.values())).P_e
     inside, outside = float_below(shell.lure.level or Fraction(0)), float_above(shell.outer)
     for start in range(0, len(leaves), CHUNK):
@@ -56,7 +56,7 @@ def verify_shell(problem: Problem, shell: Shell) -> LureDecision:
                 return LureDecision(verdict=Verdict.UNDECIDED, step="boxes", mode=mode, reason=reason)
     return LureDecision(
         verdict=Verdict.PROVED,
-        reason=f"V decreases, V' <= -2 ({float(shell.rate):.4g}) V, while V <= {float(shell.outer):.6g}:"
+        reason=f"V decreases, V' <= -2 ({float(shell.lure.rate):.4g}) V, while V <= {float(shell.outer):.6g}:"
         f" {len(leaves)} boxes around {{V <= {float(shell.lure.level or 0):.6g}}}.",
     )
 
@@ -136,4 +136,4 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Shell:
     if not isinstance(values["tree"], str):
         raise TypeError("tree must be text")
     outer, half = read_rational(values["outer"]), read_rational(values["half"])
-    return Shell(lure=lure, outer=outer, half=half, tree=values["tree"], rate=lure.rate)
+    return Shell(lure=lure, outer=outer, half=half, tree=values["tree"])

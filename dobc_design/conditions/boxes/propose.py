@@ -66,7 +66,7 @@ def grow_shell(
         found = _cut(forms, P_e, box, level, outer, most=most, last=last)
         exact = Fraction(0) if found is None else rounded_down(found[1] * (1 - 1e-9), digits=9)
         if found is not None and exact > lure.level:
-            return Shell(lure=lure, outer=exact, half=half, tree=found[0], rate=lure.rate)
+            return Shell(lure=lure, outer=exact, half=half, tree=found[0])
     return None
 
 

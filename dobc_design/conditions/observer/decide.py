@@ -41,15 +41,13 @@ def too_large(exosystem: Exosystem) -> str | None:
 def observability_check(exosystem: Exosystem, problem: Problem | None = None) -> Check:
     """Decide whether (A, C) is observable.  Here and below ``problem`` lets the cure project what it says of states."""
     found = decide_observable(exosystem.A, exosystem.C)
-    q, claim = exosystem.order, Values({"rank": str(found.rank)})
+    check, q = partial(_check, id="observability", claim=Values({"rank": str(found.rank)})), exosystem.order
     if found.verdict is Verdict.PROVED:
         reason = f"(A, C) is observable: its observability matrix has rank {found.rank} of {q}."
-        return _check(id="observability", verdict=Verdict.PROVED, reason=reason, claim=claim)
-    return _check(
-        id="observability",
+        return check(verdict=Verdict.PROVED, reason=reason)
+    return check(
         verdict=Verdict.REFUTED,
         reason=f"(A, C) is not observable: rank {found.rank} of {q}; the states shown do not appear in d.",
-        claim=claim,
         witness=Witness(kind="vector", values=tuple(number_text(x) for x in found.unobservable[0])),
         fix=_reduction(exosystem, problem),
     )
@@ -59,17 +57,14 @@ def detectability_check(exosystem: Exosystem, problem: Problem | None = None) ->
     """Decide whether (A, C) is detectable: what C never sees has to die out by itself."""
     found = decide_detectable(exosystem.A, exosystem.C)
     polynomial = found.unobservable_text
-    claim = Values({"unobservable_polynomial": polynomial})
+    check = partial(_check, id="detectability", claim=Values({"unobservable_polynomial": polynomial}))
     if found.verdict is Verdict.PROVED:
         hidden = "no part is unobservable" if polynomial == "1" else f"the unobservable part {polynomial} decays"
-        reason = f"(A, C) is detectable: {hidden}."
-        return _check(id="detectability", verdict=Verdict.PROVED, reason=reason, claim=claim)
-    return _check(
-        id="detectability",
+        return check(verdict=Verdict.PROVED, reason=f"(A, C) is detectable: {hidden}.")
+    return check(
         verdict=Verdict.REFUTED,
         reason=f"(A, C) is not detectable: the part {polynomial} of the exosystem never reaches d = C xi and does"
         " not decay, so no gain W can estimate it. It does not act on the agents either: leave it out.",
-        claim=claim,
         witness=Witness(kind="polynomial", values=(polynomial,)),
         fix=_reduction(exosystem, problem),
     )

@@ -38,7 +38,7 @@ from dobc_design.exact.matrix import (
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import SECOND, TIME_LIMIT, climb
+from dobc_design.solvers.conic import SECOND, climb
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
 
@@ -203,14 +203,14 @@ def _crossings(F: Array, B: Array, C: Array, D: Array, level: float) -> Array:
 
 
 def propose_pairs(
-    exosystem: Exosystem, W: Matrix, *, bound: float, decay: float, time_limit: float = TIME_LIMIT
+    exosystem: Exosystem, W: Matrix, *, bound: float, decay: float
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
     """Rational (P, P W) to be tried in turn, each with a sentence on how it came about ("" for the usual way).
     ``bound`` is about max lambda_max(Lambda) < 0, ``decay`` about that of A - WC > 0 (1/s); the last need no solver."""
     why = "there was no estimate to start a solver from"
     small = exosystem.order <= LARGEST_PROGRAM
     if small and bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
-        for answer, _, how in climb(_programs(exosystem, W, bound=bound, decay=decay), time_limit=time_limit):
+        for answer, _, how in climb(_programs(exosystem, W, bound=bound, decay=decay)):
             why = f"no proposal of a solver could be proved (the last said: {answer.status})"
             if answer.found:
                 for digits in PAIR_DIGITS:
@@ -263,8 +263,8 @@ class GainDesign:
     note: str
 
 
-def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limit: float = TIME_LIMIT) -> GainDesign:
-    """Design W (q, m) so that A - WC decays at ``rate`` (1/s); ``time_limit`` (s) for one call of a solver."""
+def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDesign:
+    """Design W (q, m) so that A - WC decays at ``rate`` (1/s), by default half that of a Kalman gain."""
     if (reason := too_large(exosystem)) is not None:
         return GainDesign(W=None, rate=None, note=f"no W is designed: it is {reason}")
     if observability.decide_detectable(exosystem.A, exosystem.C).verdict is not Verdict.PROVED:
@@ -280,7 +280,7 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limi
         if kalman is not None:
             wanted = half_rate(to_float(exosystem.A), to_float(exosystem.C), kalman)
         asked = "half that of the Kalman gain with unit weights" if wanted else "the least that can be asked"
-    for W, how in _candidates(exosystem, wanted, kalman, time_limit=time_limit):
+    for W, how in _candidates(exosystem, wanted, kalman):
         if hurwitz_with_rate(error_matrix(exosystem, W), wanted):
             note = f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
             return GainDesign(W=W, rate=wanted, note=note)
@@ -290,9 +290,7 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None, time_limi
     return GainDesign(W=None, rate=wanted, note=note)
 
 
-def _candidates(
-    exosystem: Exosystem, rate: Fraction, kalman: Array | None, *, time_limit: float
-) -> Iterator[tuple[Matrix, str]]:
+def _candidates(exosystem: Exosystem, rate: Fraction, kalman: Array | None) -> Iterator[tuple[Matrix, str]]:
     """Proposals W for a rate, each in several roundings, and how they came about."""
     time, output = natural_units(exosystem, rate=rate)
     # Large C alone would ask for a far faster observer than the rate does, hence max(1, output).
@@ -302,7 +300,7 @@ def _candidates(
         systems.insert(0, scaled_exosystem(exosystem, time=Fraction(1), output=max(Fraction(1), output)))
     systems = systems if exosystem.order <= LARGEST_PROGRAM else []
     programs = ((_program(each, rate / each.time * slack), each.gain) for each in systems for slack in SLACK)
-    for answer, unit, how in climb(programs, time_limit=time_limit):
+    for answer, unit, how in climb(programs):
         for W in _roundings(_gain_of(answer)):
             yield scale(unit, W), f"small SDP {how}".rstrip()
     yield from ((W, "Kalman gain") for W in _roundings(kalman))

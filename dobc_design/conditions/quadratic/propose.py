@@ -17,22 +17,14 @@ from typing import Final
 import numpy as np
 from scipy import linalg, optimize
 
-from dobc_design.conditions.consensus.claim import Gain, omega
+from dobc_design.conditions.consensus.claim import omega
 from dobc_design.conditions.numbers import rounded_down
 from dobc_design.conditions.quadratic import propose_program as programs
 from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
 from dobc_design.conditions.quadratic.propose_program import FloatLoop, Gains, float_loop, sample_gains
-from dobc_design.conditions.quadratic.sectors import (
-    Enclose,
-    GainRange,
-    Sectors,
-    build_sectors,
-    enclose_ranges,
-    gains_on,
-)
-from dobc_design.coupling.coupling import Coupling
+from dobc_design.conditions.quadratic.sectors import GainRange, Sectors, build_sectors, enclose_ranges
 from dobc_design.errors import SpecError
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply, scale, to_float
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.groups import agent_blocks
@@ -53,23 +45,11 @@ FASTER: Final = 3e-3  # a rate that grows by a smaller part of itself is as good
 MOST_CENTRES: Final = 60
 TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball is given up
 CONDITION: Final = 100.0
-ROOM: Final = Fraction(1, 10**5)  # gains are claimed this much wider, so that a second program can confirm them
 ZERO: Final = Fraction(0)
 _EDGE: Final = 1e-3
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
 # Where no arc needs the radius every level will do: one that holds balls of a hundred times the radius, about.
 _NOT_NEEDED: Final = 1e4
-
-
-def roomy_gains(coupling: Coupling, radius: Fraction) -> Gain:
-    """``gains_on``, a little wider where h is not linear, for whoever encloses them in another way."""
-    entries = gains_on(coupling, radius)
-    if coupling.is_linear:
-        return entries
-    return tuple(
-        tuple(Interval(gain.lo - ROOM * gain.magnitude, gain.hi + ROOM * gain.magnitude) for gain in row)
-        for row in entries
-    )
 
 
 @np.errstate(all="ignore")  # near the ends of the floats
@@ -82,28 +62,16 @@ def design_lure(
     rate: Fraction = ZERO,
     disturbance: Fraction = ZERO,
     largest: Fraction = Fraction(1000),
-    enclose: Enclose = gains_on,
 ) -> Lure | None:
     """The certificate with the largest covered ball |e| <= R, |eps_i| <= disturbance that ``holds`` accepts, or None.
     A P_e of full ``shape`` has n m (n m + 1)/2 unknowns, which make a dense Newton system: for some 20 rows.  Without
     the gain ``W`` (q, m) eps = 0 is meant.  No |e_j - e_i| beyond ``largest`` is looked at.  Raises: SpecError."""
-    pair = None if W is None else scaled_pair(problem, W, rate=rate, disturbance=disturbance)
-    if W is not None and pair is None:
-        return None
-    search = _Search(
-        problem=problem,
-        templates=programs.make_templates(problem),
-        enclose=enclose,
-        basis=make_basis(problem.n * problem.m, shape),
-        pair=pair,
-        rate=rate,
-        sampled=True,
-    )
+    search = _begun(problem, W, shape=shape, rate=rate, observer=rate, disturbance=disturbance)
     tried: Lure | None = None
-    for tried in search.candidates(float(largest)):
+    for tried in () if search is None else search.candidates(float(largest)):
         if holds(tried):
             return tried
-    if tried is None:
+    if search is None or tried is None:
         return None
     # enclosures in the search only where the samples have misled
     return next(filter(holds, replace(search, sampled=False).candidates(float(largest))), None)
@@ -114,19 +82,10 @@ def fast_lures(
 ) -> Iterator[Lure]:
     """Certificates at a radius (None: couplings are linear) with rates between two (1/s), the largest first.
     ``observer``: a rate at which there is a pair for W; no certificate has a larger one."""
-    pair = None if W is None else scaled_pair(problem, W, rate=observer, disturbance=ZERO)
-    if W is not None and pair is None:
-        return
-    search = _Search(
-        problem=problem,
-        templates=programs.make_templates(problem),
-        enclose=roomy_gains,
-        basis=make_basis(problem.n * problem.m, "full"),
-        pair=pair,
-        rate=rounded_down(rates[0], digits=6),
-        sampled=True,
-    )
-    for there, point in reversed(list(islice(search.faster(radius, rates[1]), MOST_CENTRES))[1:]):
+    slowest = rounded_down(rates[0], digits=6)
+    search = _begun(problem, W, shape="full", rate=slowest, observer=observer, disturbance=ZERO)
+    found = () if search is None else search.faster(radius, rates[1])
+    for there, point in reversed(list(islice(found, MOST_CENTRES))[1:]):
         yield from there.roundings(point)
 
 
@@ -139,7 +98,6 @@ def bound_lure(
     P: Matrix | None = None,
     Q: Matrix | None = None,
     largest: Fraction = Fraction(1000),
-    enclose: Enclose = gains_on,
 ) -> Lure | None:
     """The largest radius that "interval" or "vertices" proves for P_e (None: I) and the observer's pair (None: eps =
     0), by bisection; None if not even 1e-6.  Raises: SpecError for "vertices" with too many arcs."""
@@ -149,7 +107,7 @@ def bound_lure(
     def at(radius: float) -> Lure | None:
         exact = rounded_down(radius, digits=6)
         try:
-            ranges = enclose_ranges(problem, radius=exact, enclose=enclose)
+            ranges = enclose_ranges(problem, radius=exact)
         except UndefinedError:
             return None
         level = _level(metric, problem, exact)
@@ -291,7 +249,6 @@ class _Search:
 
     problem: Problem
     templates: programs.Templates
-    enclose: Enclose
     basis: Basis
     pair: ScaledPair | None
     rate: Fraction
@@ -305,7 +262,7 @@ class _Search:
     def ranges(self, radius: Fraction | None) -> tuple[GainRange, ...] | None:
         """The enclosed gains at a radius; None where a coupling is not defined."""
         try:
-            return enclose_ranges(self.problem, radius=radius, enclose=self.enclose)
+            return enclose_ranges(self.problem, radius=radius)
         except UndefinedError:
             return None
 
@@ -500,6 +457,17 @@ class _Search:
                 P=P,
                 Q=None if P is None or pair is None else multiply(P, pair.W),
             )
+
+
+def _begun(
+    problem: Problem, W: Matrix | None, *, shape: Shape, rate: Fraction, observer: Fraction, disturbance: Fraction
+) -> _Search | None:
+    """A search at a rate, with gains in floats; None if A - WC is too slow for the rate ``observer`` of its pair."""
+    pair = None if W is None else scaled_pair(problem, W, rate=observer, disturbance=disturbance)
+    if W is not None and pair is None:
+        return None
+    templates, basis = programs.make_templates(problem), make_basis(problem.n * problem.m, shape)
+    return _Search(problem=problem, templates=templates, basis=basis, pair=pair, rate=rate, sampled=True)
 
 
 def _point(loop: FloatLoop, radius: float | None, Y: Array, x: Array) -> _Point:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
@@ -25,10 +25,10 @@ from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
 
 Entries = tuple[tuple[Interval, ...], ...]  # m x m
-Enclose = Callable[[Coupling, Fraction], Entries]
 Box = tuple[Interval, ...]
 
 DIGITS: Final = 6
+ROOM: Final = Fraction(1, 10**5)  # gains are claimed this much wider, so that a second program can confirm them
 # A gain of a coupling of vectors may be this much too wide at each end; so many parts of the box are looked at.
 _TOLERANCE: Final = Fraction(1, 1000)
 _MOST_PIECES: Final = 100
@@ -91,9 +91,9 @@ def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
     return _jacobian_hull(coupling, (box,) * coupling.dimension)
 
 
-def enclose_ranges(problem: Problem, *, radius: Fraction | None, enclose: Enclose = gains_on) -> tuple[GainRange, ...]:
-    """Enclose every coupling that arcs use, widened to DIGITS digits, with room for other enclosures; single gains
-    stay. Raises: SpecError for a radius that is not > 0, or None for a coupling that is not linear; UndefinedError."""
+def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRange, ...]:
+    """Enclose every coupling that arcs use, widened by ROOM and to DIGITS digits where it is not linear.  Raises:
+    SpecError for a radius that is not > 0, or None for a coupling that is not linear; UndefinedError."""
     if radius is not None and radius <= 0:
         raise SpecError(f"radius must be > 0; got {radius}.", key="radius", cure="Give a length, or None.")
     found = []
@@ -102,8 +102,8 @@ def enclose_ranges(problem: Problem, *, radius: Fraction | None, enclose: Enclos
         if radius is None and not coupling.is_linear:
             what = f'must be a number, because h = "{coupling.texts[0]}" is not linear; got None.'
             raise wrong("radius", what, "Give the largest |e_j - e_i| to be considered.")
-        entries = enclose(coupling, Fraction(1) if radius is None else radius)
-        widened = tuple(tuple(map(_widened, row)) for row in entries)
+        entries, room = gains_on(coupling, radius or Fraction(1)), 0 if coupling.is_linear else ROOM
+        widened = tuple(tuple(_widened(gain, room * gain.magnitude) for gain in row) for row in entries)
         found.append(GainRange(coupling=place, radius=radius, entries=widened))
     return tuple(found)
 
@@ -198,7 +198,8 @@ def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
     return tuple(tuple(Interval(-highest(c, d, -1), highest(c, d, 1)) for d in m) for c in m)
 
 
-def _widened(gain: Interval) -> Interval:
+def _widened(gain: Interval, room: Fraction) -> Interval:
+    gain = Interval(gain.lo - room, gain.hi + room)
     if gain.is_point:
         return gain
     low, high = gain.floats()

@@ -25,7 +25,7 @@ from dobc_design.conditions.quadratic.decide import (
     quadratic_obstacle,
     verify_lure,
 )
-from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate, roomy_gains
+from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -93,7 +93,7 @@ def _found(asked: Asked, search: Callable[..., Lure | None], what: str, name: st
     largest = max(2 * ball, min(10 * ball, _LARGEST))
     try:
         spend(_steps(asked.problem))
-        lure = search(holds=partial(holds, asked.problem), largest=largest, enclose=roomy_gains)
+        lure = search(holds=partial(holds, asked.problem), largest=largest)
     except (ArithmeticError, RuntimeError, ValueError, WorkLimitError) as error:
         logger.warning("no quadratic proposal (%s): %s", what, error)
         return None

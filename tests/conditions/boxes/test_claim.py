@@ -123,8 +123,8 @@ def test_one_number_out_of_the_range_of_floats_among_others_is_refused():
         build_forms(problem, plain(2), S=None, rate=Fraction(0))
 
 
-@pytest.mark.parametrize("change", [{"outer": Fraction(1, 2)}, {"half": Fraction(0)}, {"rate": Fraction(1)}])
+@pytest.mark.parametrize("change", [{"outer": Fraction(1, 2)}, {"half": Fraction(0)}])
 def test_what_cannot_be_a_claim_is_refused(change):
     given = {"lure": plain(2), "outer": Fraction(2), "half": Fraction(2), "tree": "."}
-    with pytest.raises(SpecError, match=r"outer must be|rate must be"):
+    with pytest.raises(SpecError, match="outer must be"):
         Shell(**(given | change))

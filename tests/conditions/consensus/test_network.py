@@ -11,7 +11,7 @@ from exact_oracle import Oracle, form
 from linked import linked
 
 from dobc_design.certification.certify import certify
-from dobc_design.conditions.check import Check, Fix, main_cure, main_fix, other_cures
+from dobc_design.conditions.check import Check, Fix, main_cure, other_cures
 from dobc_design.conditions.consensus import network
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
@@ -156,10 +156,9 @@ def test_the_main_cure_is_that_of_the_theorem_and_parts_of_it_are_not_told_again
     other = check("observability", c=3)
     checks = [check("hurwitz"), other, small, whole]
     assert main_cure(checks) is whole
-    assert main_fix(checks) is whole.fix
     assert other_cures(checks) == [other]
     for none in ([], [check("theorem1")], [check("observability", a=1)]):
-        assert main_fix(none) is None
+        assert main_cure(none) is None
 
 
 def test_a_matrix_with_shorter_entries_lies_below():

@@ -13,7 +13,7 @@ from lure_cases import HARMONIC, PAPER_GAIN, cycle, identity, is_proved
 
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import covered_radius, covers, eigenvalue_bound, verify_lure
-from dobc_design.conditions.quadratic.sectors import GainRange, enclose_ranges
+from dobc_design.conditions.quadratic.sectors import GainRange, enclose_ranges, gains_on
 from dobc_design.errors import ShapeError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import multiply
@@ -91,9 +91,9 @@ def test_the_region_is_refuted_where_the_level_set_leaves_the_radius_of_one_arc_
 def test_a_kink_beyond_the_radius_limits_the_level_although_the_gain_is_one_number(h):
     """Two agents, k = 1: from e = (100, -100) the first one runs away at first."""
     problem = linked([[1, 2], [2, 1]], coupling=h, gains=1)
-    held = with_tau(problem, Fraction(1), Fraction(0))
-    if not held.ranges[0].entries[0][0].lo:
-        held = certificate(problem, Fraction(1), multipliers={"G": ()})
+    exact = GainRange(coupling=0, radius=Fraction(1), entries=gains_on(problem.couplings[0], Fraction(1)))
+    taus = (Fraction(0),) * (2 if exact.entries[0][0].lo else 0)
+    held = certificate(problem, Fraction(1), ranges=(exact,), multipliers={"G": taus})
     assert is_proved(problem, held)
     above = replace(held, level=held.level + Fraction(1, 10**9))
     assert (verify_lure(problem, above).verdict, verify_lure(problem, above).step) == (Verdict.REFUTED, "region")

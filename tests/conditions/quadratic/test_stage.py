@@ -14,8 +14,7 @@ import dobc_design as dd
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import Asked, read_region
 from dobc_design.conditions.quadratic import stage as quadratic
-from dobc_design.conditions.quadratic.propose import roomy_gains
-from dobc_design.conditions.quadratic.sectors import gains_on
+from dobc_design.conditions.quadratic.sectors import enclose_ranges, gains_on
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.problem import Problem
@@ -141,13 +140,16 @@ def test_a_library_that_breaks_down_costs_the_certificate_only(monkeypatch):
 
 @pytest.mark.parametrize("text", ["exp(y) - 1 + y", "sin(y)", "y + abs(y)/3", "tanh(y)"])
 def test_gains_are_claimed_with_room_on_both_sides(text):
-    coupling = ring(2, 1, coupling=text).couplings[0]
-    ((tight,),), ((wide,),) = (each(coupling, Fraction(2)) for each in (gains_on, roomy_gains))
+    problem = ring(2, 1, coupling=text)
+    ((tight,),), ((wide,),) = (
+        gains_on(problem.couplings[0], Fraction(2)),
+        enclose_ranges(problem, radius=Fraction(2))[0].entries,
+    )
     assert wide.lo < tight.lo
     assert tight.hi < wide.hi
     assert wide.width < tight.width + Fraction(1, 10_000) * (1 + tight.magnitude)
-    linear = ring(2, 1, coupling="3*y/7").couplings[0]
-    assert roomy_gains(linear, Fraction(1)) == gains_on(linear, Fraction(1))
+    linear = ring(2, 1, coupling="3*y/7")
+    assert enclose_ranges(linear, radius=Fraction(2))[0].entries == gains_on(linear.couplings[0], Fraction(2))
 
 
 @pytest.mark.slow

@@ -49,11 +49,11 @@ def random_grouped_problem(seed: int) -> Problem:
 
 def with_groups(base: Problem, groups: list[Group], *, disturbance: Any = 0.5) -> Problem:
     """The network of a problem with these groups in place of what it has."""
-    remake, (given,) = base.__reduce__()
+    given = dict(base.__reduce__()[0].keywords)
     given |= {"exosystem": None, "observer": None, "groups": groups}
     if base.region is not None:
         given["region"] = {"initial_states": base.region.initial_states, "initial_disturbance": disturbance}
-    result: Problem = remake(given)
+    result = Problem(**given)
     return result
 
 
@@ -197,9 +197,9 @@ def _texts(M: Rows) -> list[list[str]]:
 
 def _alike(problem: Problem, part: dict[str, Any]) -> Problem:
     """The same network with the exosystem and the observer of one group for every agent."""
-    remake, (given,) = problem.__reduce__()
+    given = dict(problem.__reduce__()[0].keywords)
     settings = problem.simulation
     given |= {"groups": None, "exosystem": Exosystem(A=part["A"], C=part["C"])}
     given |= {"observer": Observer(W=part["W"], P=part["P"]), "simulation": {"seed": settings.seed}}
-    result: Problem = remake(given)
+    result = Problem(**given)
     return result

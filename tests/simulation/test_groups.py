@@ -95,14 +95,14 @@ def test_sampled_and_continuous_loops_under_stress_agree_for_short_periods(probl
 def test_drawn_disturbances_stay_in_the_states_of_the_own_group_and_in_their_ball(problem):
     given = dict(problem.__reduce__()[0].keywords)
     given |= {"simulation": {}, "region": {"initial_states": [0, 2], "initial_disturbance": "0.5"}}
-    runs = [dd.simulate(Problem(**given), seed=seed, t_final=0.1) for seed in range(20)]
+    runs = [dd.simulate(dd.Problem(**given), seed=seed, t_final=0.1) for seed in range(20)]
     starts = np.array([run.xi[0] for run in runs])
     assert not starts[:, 0, 2:].any()
     assert not starts[:, 1, :2].any()
     lengths = np.linalg.norm(starts, axis=2)
     assert lengths.max() <= 0.5
     assert lengths.min(axis=0).max() < 0.45
-    ones = dd.simulate(Problem(**given | {"region": None}), t_final=0.1).xi[0]
+    ones = dd.simulate(dd.Problem(**given | {"region": None}), t_final=0.1).xi[0]
     assert np.array_equal(ones, [[1, 1, 0, 0, 0], [0, 0, 1, 1, 1], [1, 1, 0, 0, 0]])
 
 

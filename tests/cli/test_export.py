@@ -105,4 +105,4 @@ def test_a_certificate_says_whether_its_sampling_period_covers_the_one_of_the_co
         assert "the certificate's check `sampling`" in section
     code, _, err = dobc("paper-fixed", "--c", "other", "--period", "1/20", "--certificate", "cert")
     assert code == 2
-    assert "--certificate must be one of this problem" in err
+    assert "--certificate must be a valid certificate of this problem" in err

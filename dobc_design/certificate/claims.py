@@ -20,6 +20,7 @@ from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.claim import SamplingBound
+from dobc_design.conditions.weighted import claim as weighted
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
@@ -58,6 +59,7 @@ class Claims:
 READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]]] = {
     "consensus": consensus.read_claim,
     "separable": separable.read_claim,
+    "weighted": weighted.read_claim,
     "quadratic": quadratic.read_claim,
     "boxes": boxes.read_claim,
     "schedule": schedule.read_claim,

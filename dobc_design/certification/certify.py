@@ -37,6 +37,7 @@ from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, settle, settling_stage
 from dobc_design.conditions.separable.stage import separable_stage
+from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import Number, number_text
@@ -226,6 +227,7 @@ def decide(problem: Problem, report: Progress) -> Decided:
     checks = (*(reachability_check(problem, mode) for mode in problem.network.modes), *lemmas)
     exosystem = problem.joint_exosystem
     if exosystem is None:
+        checks += tuple(weighted_stage(statements, None))
         return Decided(checks=checks, statements=statements, directions=run.found)
     report("deciding the observer")
     designs = design_gains(problem)
@@ -233,8 +235,9 @@ def decide(problem: Problem, report: Progress) -> Decided:
     first = run.observer_checks(gains)
     report("deciding the theorem")
     theorems, pair, how = run.theorem_checks(exosystem, gains, lemmas, first)
+    weighted = weighted_stage(statements, join(gains))
     return Decided(
-        checks=(*first, *checks, *theorems),
+        checks=(*first, *checks, *theorems, *weighted),
         statements=statements,
         directions=run.found,
         designs=designs,

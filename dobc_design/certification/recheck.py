@@ -24,6 +24,7 @@ from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
+from dobc_design.conditions.weighted import decide as weighted
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
@@ -252,6 +253,8 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         return None if all(part is None for part in claims) else "an undecided check must claim nothing"
     if check.kind.topic == "observer":
         return observer.confirm(check, problem, W)
+    if check.kind.topic == "weighted":
+        return weighted.confirm(check, problem, W, statements=trusted.statements)
     if check.kind.topic == "separable":
         return separable.confirm(check, problem, W, domain=domain, proof=trusted.separable)
     if check.kind.topic in REGIONAL:

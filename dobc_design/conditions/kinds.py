@@ -20,6 +20,7 @@ Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling"]
 _DECIDED_IN: Final = {
     "observer": ("conditions/observer/decide.py", "exact/observability.py", "exact/polynomial.py"),
     "consensus": ("conditions/consensus/decide.py", "conditions/consensus/network.py", "exact/definite.py"),
+    "weighted": ("conditions/weighted/decide.py",),
     "separable": ("conditions/separable/decide.py", "conditions/separable/timing.py"),
     "quadratic": ("conditions/quadratic/decide.py",),
     "boxes": ("conditions/boxes/decide.py",),
@@ -27,7 +28,7 @@ _DECIDED_IN: Final = {
     "schedule": ("conditions/schedule/decide.py",),
 }
 #: The file of the second program for a topic, where it is not one of the same name.
-_CHECKERS: Final = {"observer": "consensus", "boxes": "quadratic", "equilibrium": "separable"}
+_CHECKERS: Final = {"observer": "consensus", "weighted": "consensus", "boxes": "quadratic", "equilibrium": "separable"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -81,6 +82,7 @@ _BALL = "Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reache
 _REGION = "Beyond the paper: its Theorems 1 and 2 in a region; theory, Regions by quadratic functions."
 _observer = partial(Kind, topic="observer", role="part")
 _paper, _given = partial(Kind, topic="consensus", role="paper"), partial(Kind, topic="consensus", role="given")
+_weighted = partial(Kind, topic="weighted", role="paper", source="Beyond the paper; theory, section 10.")
 _timing = partial(Kind, topic="separable", role="timing")
 
 _ROWS: Final = (
@@ -192,6 +194,29 @@ _ROWS: Final = (
         proved="This P with this W satisfies (18) in every mode; switching may be arbitrary.",
         refuted="This pair fails in some mode. A scaled P may work.",
         source="Paper, Example 2.",
+    ),
+    _weighted(
+        id="theorem1-weighted",
+        name="Theorem 1 with weights",
+        decides="whether V = Σ dᵢeᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases for some weights dᵢ > 0; they exist iff every agent is"
+        " reached, up to the true rate",
+        title="Theorem 1 with a weight for each agent",
+        statement=r"D M + M^T D - 2\beta D - D (I \otimes S) D > 0,\quad M = (K \otimes I) - J,\ D > 0"
+        r" \text{ diagonal}",
+        plain="D M + M' D - 2 beta D - D (I (x) S) D > 0 with M = K - J and D > 0 diagonal; S = C (-Omega0 - 2 beta P)^-1"
+        " C'",
+        proved="Consensus despite the disturbance, from close by (linear couplings: from everywhere); V' <= -2 rate V.",
+        refuted="Never: where no weights exist, reachability or the observer is refuted.",
+    ),
+    _weighted(
+        id="theorem2-weighted",
+        name="Theorem 2 with weights",
+        decides="whether V = Σ dᵢeᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases in every mode for the same weights dᵢ > 0",
+        title="Theorem 2 with a weight for each agent",
+        statement=r"D M_\sigma + M_\sigma^T D - 2\beta D - D (I \otimes S) D > 0 \text{ for every mode } \sigma",
+        plain="D M + M' D - 2 beta D - D (I (x) S) D > 0 in every mode, with one D and one P",
+        proved="Consensus under arbitrary switching, from close by (linear couplings: from everywhere).",
+        refuted="Never: modes without common weights may have another common V.",
     ),
     Kind(
         id="max-separable",

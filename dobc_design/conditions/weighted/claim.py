@@ -51,7 +51,9 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
     ShapeError or SpecError for anything that cannot be such a claim."""
     values = read_object(check.exact, ("D", "w", "P") if problem.groups else ("D", "w"))
     size = problem.n * problem.m
-    w = {mode: vector_from_json(vector, size) for mode, vector in read_object(values["w"], problem.network.modes).items()}
+    w = {
+        mode: vector_from_json(vector, size) for mode, vector in read_object(values["w"], problem.network.modes).items()
+    }
     P = None
     if problem.groups:
         P = tuple(tuple(read_rational(x) for x in row) for row in values["P"])

@@ -19,7 +19,7 @@ from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.symmetric import Doubles, SparseSymmetric
-from dobc_design.problem.groups import group_blocks, group_numbers
+from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -62,6 +62,9 @@ def observer_bounds(
     if P is None or W is None or not is_symmetric(P) or len(P) != exosystem.order:
         return None
     if decide_positive_definite(SparseSymmetric.from_dense(P)).verdict is not Verdict.PROVED:
+        return None
+    orders = [(group.exosystem.order,) * 2 for group in problem.groups]
+    if blocks_of(P, orders) is None:
         return None
     S = schur_block(Pair(P=P, Q=multiply(P, W)), exosystem, rate=rate)
     if S is None:

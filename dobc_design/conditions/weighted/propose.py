@@ -6,7 +6,6 @@ positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive def
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import Any
@@ -25,10 +24,22 @@ from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.program import Array
-from dobc_design.solvers.program import round_matrix
+from dobc_design.solvers.program import Array, round_matrix
 
-PARTS = (0.995, 0.98, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1, 0.01, 0.0)  # of the rate that is thought possible
+PARTS = (
+    0.99995,
+    0.999,
+    0.995,
+    0.98,
+    0.95,
+    0.9,
+    0.75,
+    0.5,
+    0.25,
+    0.1,
+    0.01,
+    0.0,
+)  # of the rate that is thought possible
 STEPS = 12  # of a bisection
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, np.linalg.LinAlgError)
 

@@ -6,12 +6,14 @@ positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive def
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
+from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
@@ -40,7 +42,10 @@ PARTS = (
     0.01,
     0.0,
 )  # of the rate that is thought possible
-STEPS = 12  # of a bisection
+STEPS = 30  # towards mu
+NEARLY = 0.99
+DROPPED, FILL = 1e-4, 10  # of incomplete factorisations
+CLOSE, QUICK = 1e-6, 100  # where iterations stop
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, np.linalg.LinAlgError)
 
 
@@ -58,7 +63,7 @@ def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weight
         if W is None:
             return
         decay = min(decay_rate(group.exosystem, gain) for group, gain in _gains(problem, W))
-        most = min(most, 0.99 * decay)
+        most = min(most, 0.9995 * decay)
     for part in PARTS:
         rate = shorten(part * most, digits=6)
         try:
@@ -79,33 +84,55 @@ def abscissa(table: Any) -> float:
     """About the least real part mu of an eigenvalue of an M-matrix; from below for large ones, 0 if none is seen."""
     if table.shape[0] <= DENSE:
         return float(np.linalg.eigvals(table.toarray()).real.min())
-    low, high = 0.0, float(table.diagonal().min())
-    if inverse_of_one(table, 0.0) is None:
-        return 0.0
-    for rate in (0.999 * high, *(None,) * STEPS):
-        middle = (low + high) / 2 if rate is None else rate
-        low, high = (low, middle) if inverse_of_one(table, middle) is None else (middle, high)
-        if low > 0.995 * high:
+    if csgraph.connected_components(table, connection="strong")[0] == table.shape[0]:
+        return float(table.diagonal().min())  # nobody hears back: M is triangular in some order
+    low, w = 0.0, np.ones(table.shape[0])
+    for _ in range(STEPS):
+        solve = _solver(table, low)
+        better = None if solve is None else solve(w, "N")
+        if better is None:
+            break
+        gain = float(np.min(w / better))  # (M - low I) better = w >= gain better, so mu - low >= gain
+        low, w = low + NEARLY * gain, better / np.max(better)
+        if gain <= 1e-3 * low:
             break
     return low
 
 
-def inverse_of_one(table: Any, rate: float, *, transposed: bool = False) -> Array | None:
-    """(M - rate I)^-1 1, or with the transpose; None unless it is positive: then rate is not below mu."""
-    size = table.shape[0]
-    shifted = sparse.csc_array(table - rate * sparse.eye_array(size))
-    try:
-        with np.errstate(all="ignore"):
-            factors = sparse.linalg.splu(shifted)
-            found = np.asarray(factors.solve(np.ones(size), trans="T" if transposed else "N"))
-    except GIVEN_UP:
+def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | None:
+    """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"): by iteration where that is quick, else by a
+    factorisation.  None for a solution that is not positive: then rate is not below mu."""
+    shifted = sparse.csc_array(table - rate * sparse.eye_array(table.shape[0]))
+    matrices = {"N": sparse.csr_array(shifted), "T": sparse.csr_array(shifted.T)}
+    scale = shifted.diagonal()
+    if not np.all(scale > 0):
         return None
-    return found if np.all(np.isfinite(found)) and np.all(found > 0) else None
+    factors: list[Any] = []
+
+    def solve(right: Array, which: str) -> Array | None:
+        matrix = matrices[which]
+        with np.errstate(all="ignore"), suppress(*GIVEN_UP):
+            if not factors:
+                near = sparse.diags_array(1 / scale)
+                found, missed = sparse.linalg.bicgstab(matrix, right, x0=right / scale, M=near, rtol=CLOSE, maxiter=QUICK)
+                if not missed and np.all(np.isfinite(found)) and np.all(found > 0):
+                    return found
+                factors.append(sparse.linalg.spilu(shifted, drop_tol=DROPPED, fill_factor=FILL))
+            near = sparse.linalg.LinearOperator(matrix.shape, matvec=lambda x: factors[0].solve(x, which))
+            start = factors[0].solve(right, which)
+            found, _ = sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=CLOSE, maxiter=QUICK)
+            return found if np.all(np.isfinite(found)) and np.all(found > 0) else None
+        return None
+
+    return solve
 
 
 def _at(problem: Problem, tables: Mapping[str, Any], W: Matrix | None, rate: float) -> Weighted | None:
     """Weights for this rate, common to all modes; None if none is seen."""
-    pairs = [(inverse_of_one(M, rate), inverse_of_one(M, rate, transposed=True)) for M in tables.values()]
+    pairs = []
+    for M in tables.values():
+        solve, ones = _solver(M, rate), np.ones(M.shape[0])
+        pairs.append((None, None) if solve is None else (solve(ones, "N"), solve(ones, "T")))
     if any(w is None or u is None for w, u in pairs):
         return None
     own = [np.log(u) - np.log(w) for w, u in pairs if w is not None and u is not None]

@@ -26,6 +26,7 @@ from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.problem import Problem
+from dobc_design.solvers.conic import Cone, solve_cones, svec
 from dobc_design.solvers.program import Array, round_matrix
 
 PARTS = (
@@ -45,6 +46,9 @@ PARTS = (
 STEPS = 30  # towards mu
 NEARLY = 0.99
 DROPPED, FILL = 1e-4, 10  # of incomplete factorisations
+BISECTIONS = 8
+LARGEST_PROGRAM = 60  # states for which the weights of several modes are sought by a semidefinite program
+MARGIN = 1e-6
 CLOSE, QUICK = 1e-6, 100  # where iterations stop
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, np.linalg.LinAlgError)
 
@@ -64,6 +68,13 @@ def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weight
             return
         decay = min(decay_rate(group.exosystem, gain) for group, gain in _gains(problem, W))
         most = min(most, 0.9995 * decay)
+    several = len(known) > 1
+    if several:  # the largest rate that common weights can have, about
+        low, high = 0.0, most
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            low, high = (low, middle) if not _weights(known, middle) else (middle, high)
+        most = low
     for part in PARTS:
         rate = shorten(part * most, digits=6)
         try:
@@ -114,7 +125,9 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
         with np.errstate(all="ignore"), suppress(*GIVEN_UP):
             if not factors:
                 near = sparse.diags_array(1 / scale)
-                found, missed = sparse.linalg.bicgstab(matrix, right, x0=right / scale, M=near, rtol=CLOSE, maxiter=QUICK)
+                found, missed = sparse.linalg.bicgstab(
+                    matrix, right, x0=right / scale, M=near, rtol=CLOSE, maxiter=QUICK
+                )
                 if not missed and np.all(np.isfinite(found)) and np.all(found > 0):
                     return found
                 factors.append(sparse.linalg.spilu(shifted, drop_tol=DROPPED, fill_factor=FILL))
@@ -127,45 +140,69 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
     return solve
 
 
-def _at(problem: Problem, tables: Mapping[str, Any], W: Matrix | None, rate: float) -> Weighted | None:
-    """Weights for this rate, common to all modes; None if none is seen."""
-    pairs = []
+def _weights(tables: Mapping[str, Any], rate: float) -> list[Array]:
+    """Weights D (n m,) that seem to do for this rate in every mode, the largest 1; none if none are seen."""
+    logarithms = []
     for M in tables.values():
         solve, ones = _solver(M, rate), np.ones(M.shape[0])
-        pairs.append((None, None) if solve is None else (solve(ones, "N"), solve(ones, "T")))
-    if any(w is None or u is None for w, u in pairs):
-        return None
-    own = [np.log(u) - np.log(w) for w, u in pairs if w is not None and u is not None]
-    candidates = [np.mean(own, axis=0), *(own if len(own) > 1 else ())]
+        w, u = (None, None) if solve is None else (solve(ones, "N"), solve(ones, "T"))
+        if w is None or u is None:
+            return []
+        logarithms.append(np.log(u) - np.log(w))
+    found = [np.mean(logarithms, axis=0), *(logarithms if len(logarithms) > 1 else ())]
+    weights = [np.exp(each - each.max()) for each in found]
+    if len(tables) == 1:
+        return weights
+    if len(weights[0]) <= LARGEST_PROGRAM:
+        weights += _program(tables, rate)
+    return [D for D in weights if all(_height(M, D, rate) is not None for M in tables.values())]
+
+
+def _program(tables: Mapping[str, Any], rate: float) -> list[Array]:
+    """The most even D >= 1 with D (M - rate I) + (M - rate I)'D >= 0 and a little more, by a semidefinite program."""
+    size = len(next(iter(tables.values())).toarray())
+    cones = [
+        Cone("nonnegative", np.column_stack([-np.eye(size), np.zeros(size)]), -np.ones(size)),
+        Cone("nonnegative", np.column_stack([np.eye(size), -np.ones(size)]), np.zeros(size)),
+    ]
+    for M in tables.values():
+        rows = M.toarray() - rate * np.eye(size)
+        units = [np.outer(e, row) + np.outer(row, e) for e, row in zip(np.eye(size), rows, strict=True)]
+        columns = np.column_stack([*(-svec(unit) for unit in units), np.zeros(size * (size + 1) // 2)])
+        cones.append(Cone("semidefinite", columns, -svec(MARGIN * float(np.abs(rows).max()) * np.eye(size))))
+    answer = solve_cones(np.append(np.zeros(size), 1.0), cones)
+    found = answer.x[:size] if answer.found else np.zeros(0)
+    return [found / found.max()] if len(found) and found.min() > 0 else []
+
+
+def _height(M: Any, D: Array, rate: float) -> tuple[Array, Array] | None:
+    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if none is seen."""
+    half = sparse.diags_array(D) @ M - rate * sparse.diags_array(D)
+    N = sparse.csc_array(half + half.T)
+    solve = _solver(N, 0.0)
+    w = None if solve is None else solve(np.ones(len(D)), "N")
+    rise = None if w is None else np.asarray(N @ w)
+    return None if w is None or rise is None or not np.all(rise > 0) else (w, rise)
+
+
+def _at(problem: Problem, tables: Mapping[str, Any], W: Matrix | None, rate: float) -> Weighted | None:
+    """Weights for this rate, common to all modes; None if none is seen."""
     P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
     sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
     if sigma is None:
         return None
     owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
     weight = np.array([float(x) for x in sigma])[owners]
-    for logarithms in candidates:
-        D = np.exp(logarithms - logarithms.max())
-        heights = {}
-        for mode, M in tables.items():
-            symmetric = sparse.diags_array(D) @ M
-            symmetric = sparse.csc_array(symmetric + symmetric.T - 2 * rate * sparse.diags_array(D))
-            w = pairs[0][0] if len(tables) == 1 else _positive(symmetric)
-            if w is None:
-                break
-            heights[mode] = (w, np.asarray(symmetric @ w))
-        else:
-            with np.errstate(divide="ignore", over="ignore"):
-                room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in heights.values())
-            if not room > 0:
-                continue
-            D *= min(1.0, room / 2)
-            return Weighted(D=rounded(D), w={mode: rounded(w) for mode, (w, _) in heights.items()}, P=P)
+    for D in _weights(tables, rate):
+        heights = {mode: _height(M, D, rate) for mode, M in tables.items()}
+        known = {mode: found for mode, found in heights.items() if found is not None}
+        if len(known) < len(tables):
+            continue
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in known.values())
+        scale = min(1.0, room / 2)
+        return Weighted(D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in known.items()}, P=P)
     return None
-
-
-def _positive(symmetric: Any) -> Array | None:
-    found = np.asarray(sparse.linalg.splu(symmetric).solve(np.ones(symmetric.shape[0])))
-    return found if np.all(np.isfinite(found)) and np.all(found > 0) else None
 
 
 def rounded(x: Array) -> Vector | Doubles:

@@ -49,6 +49,7 @@ DROPPED, FILL = 1e-4, 10  # of incomplete factorisations
 BISECTIONS = 8
 LARGEST_PROGRAM = 60  # states for which the weights of several modes are sought by a semidefinite program
 MARGIN = 1e-6
+PART = 1e-3
 CLOSE, QUICK = 1e-6, 100  # where iterations stop
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, np.linalg.LinAlgError)
 
@@ -111,30 +112,37 @@ def abscissa(table: Any) -> float:
 
 
 def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | None:
-    """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"): by iteration where that is quick, else by a
-    factorisation.  None for a solution that is not positive: then rate is not below mu."""
-    shifted = sparse.csc_array(table - rate * sparse.eye_array(table.shape[0]))
+    """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"), about: by iteration where that is quick and the
+    network large, else by a factorisation.  None where none is positive, each row met up to a part of its terms."""
+    size = table.shape[0]
+    shifted = sparse.csc_array(table - rate * sparse.eye_array(size))
     matrices = {"N": sparse.csr_array(shifted), "T": sparse.csr_array(shifted.T)}
     scale = shifted.diagonal()
     if not np.all(scale > 0):
         return None
     factors: list[Any] = []
 
-    def solve(right: Array, which: str) -> Array | None:
+    def answers(right: Array, which: str) -> Iterator[Array]:
         matrix = matrices[which]
+        if size > DENSE and not factors:
+            near = sparse.diags_array(1 / scale)
+            yield sparse.linalg.bicgstab(matrix, right, x0=right / scale, M=near, rtol=CLOSE, maxiter=QUICK)[0]
+        if not factors:
+            whole = (
+                {"drop_tol": DROPPED, "fill_factor": FILL} if size > DENSE else {"drop_tol": 0.0, "fill_factor": size}
+            )
+            factors.append(sparse.linalg.spilu(shifted, **whole))
+        start = factors[0].solve(right, which)
+        yield start
+        near = sparse.linalg.LinearOperator(matrix.shape, matvec=lambda x: factors[0].solve(x, which))
+        yield sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=CLOSE, maxiter=QUICK)[0]
+
+    def solve(right: Array, which: str) -> Array | None:
         with np.errstate(all="ignore"), suppress(*GIVEN_UP):
-            if not factors:
-                near = sparse.diags_array(1 / scale)
-                found, missed = sparse.linalg.bicgstab(
-                    matrix, right, x0=right / scale, M=near, rtol=CLOSE, maxiter=QUICK
-                )
-                if not missed and np.all(np.isfinite(found)) and np.all(found > 0):
-                    return found
-                factors.append(sparse.linalg.spilu(shifted, drop_tol=DROPPED, fill_factor=FILL))
-            near = sparse.linalg.LinearOperator(matrix.shape, matvec=lambda x: factors[0].solve(x, which))
-            start = factors[0].solve(right, which)
-            found, _ = sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=CLOSE, maxiter=QUICK)
-            return found if np.all(np.isfinite(found)) and np.all(found > 0) else None
+            for x in answers(right, which):
+                missed = np.abs(matrices[which] @ x - right)
+                if np.all(np.isfinite(x)) and np.all(x > 0) and np.all(missed <= PART * (scale * x + right)):
+                    return np.asarray(x)
         return None
 
     return solve
@@ -177,12 +185,13 @@ def _program(tables: Mapping[str, Any], rate: float) -> list[Array]:
 
 def _height(M: Any, D: Array, rate: float) -> tuple[Array, Array] | None:
     """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if none is seen."""
-    half = sparse.diags_array(D) @ M - rate * sparse.diags_array(D)
-    N = sparse.csc_array(half + half.T)
-    solve = _solver(N, 0.0)
-    w = None if solve is None else solve(np.ones(len(D)), "N")
-    rise = None if w is None else np.asarray(N @ w)
-    return None if w is None or rise is None or not np.all(rise > 0) else (w, rise)
+    root = np.sqrt(D)  # N = diag(root) (X + X') diag(root), and X is scaled alike in all rows
+    X = sparse.diags_array(root) @ M @ sparse.diags_array(1 / root) - rate * sparse.eye_array(len(D))
+    even = sparse.csc_array(X + X.T)
+    solve = _solver(even, 0.0)
+    z = None if solve is None else solve(np.ones(len(D)), "N")
+    rise = np.zeros(len(D)) if z is None else root * np.asarray(even @ z)
+    return None if z is None or not np.all(rise > 0) else (z / root, rise)
 
 
 def _at(problem: Problem, tables: Mapping[str, Any], W: Matrix | None, rate: float) -> Weighted | None:

@@ -30,6 +30,7 @@ from dobc_design.conditions.consensus.decide import Proposal
 from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import Asked, Progress, covers, read_region
+from dobc_design.conditions.linearisation.stage import linearisation_stage
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
@@ -228,6 +229,7 @@ def decide(problem: Problem, report: Progress) -> Decided:
     exosystem = problem.joint_exosystem
     if exosystem is None:
         checks += tuple(weighted_stage(statements, None))
+        checks += tuple(linearisation_stage(problem, statements, checks, None))
         return Decided(checks=checks, statements=statements, directions=run.found)
     report("deciding the observer")
     designs = design_gains(problem)
@@ -235,9 +237,9 @@ def decide(problem: Problem, report: Progress) -> Decided:
     first = run.observer_checks(gains)
     report("deciding the theorem")
     theorems, pair, how = run.theorem_checks(exosystem, gains, lemmas, first)
-    weighted = weighted_stage(statements, join(gains))
+    checks = (*first, *checks, *theorems, *weighted_stage(statements, join(gains)))
     return Decided(
-        checks=(*first, *checks, *theorems, *weighted),
+        checks=(*checks, *linearisation_stage(problem, statements, checks, join(gains))),
         statements=statements,
         directions=run.found,
         designs=designs,

@@ -19,6 +19,7 @@ from dobc_design.conditions.check import Check, same_witness, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
 from dobc_design.conditions.equilibrium import decide as equilibrium
+from dobc_design.conditions.linearisation import decide as linearisation
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
@@ -253,6 +254,8 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         return None if all(part is None for part in claims) else "an undecided check must claim nothing"
     if check.kind.topic == "observer":
         return observer.confirm(check, problem, W)
+    if check.kind.topic == "linearisation":
+        return linearisation.confirm(check, trusted.statements, W)
     if check.kind.topic == "weighted":
         return weighted.confirm(check, problem, W, statements=trusted.statements)
     if check.kind.topic == "separable":

@@ -241,6 +241,22 @@ def weighted(case: Certificate, check: Any) -> None:
         need(min(left[:size]) > 0, "the weights do not show it")
 
 
+def linearisation(case: Certificate, check: Any) -> None:
+    """Every eigenvalue of J - K, of the only mode, and of A - W C is left of minus the rate, or one of J - K right of 0."""
+    p, b = case.problem, check.rate or ZERO
+    need(not p.kinked and len(p.modes) == 1, "it is about a smooth loop with one mode")
+    need(check.margin is None and check.witness is None and (check.rate is None or b > 0), "it claims something else")
+    (X,) = map(p.jacobian, p.modes)
+    if check.verdict == "proved":
+        need(check.exact is None, "it claims exact values")
+        need(stable(plus(X, 1, identity(len(X), b))), "J - K + rate I is not Hurwitz")
+        need(not p.q or stable(closed(p, case.W, b)), "A - W C + rate I is not Hurwitz")
+    else:
+        count = read(check.exact, {"unstable_roots": rational}).unstable_roots
+        need(check.rate is None and count.denominator == 1 and count > 0, "it is refuted by a number of roots")
+        need(unstable(X, int(count)), "unstable roots are not shown")
+
+
 # --- Lemma 1 and the theorems: refutations ----------------------------------------------------------------------------
 def by_vector(case: Certificate, check: Any, mode: str, S: Matrix | None = None) -> Fraction:
     """The witness v shows that X = Lambda + the blocks of S has v'Xv >= max(0, -M v'v); a lower bound of v'Xv."""

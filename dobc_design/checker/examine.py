@@ -5,7 +5,7 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from .consensus import OF_GROUPS, closed, consensus, fact, observable, observer, takes_long, weighted
+from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
 from .files import Certificate, Problem
 from .matrices import product, stable
 from .quadratic import exhaustive, lure
@@ -66,7 +66,7 @@ def completeness(case: Certificate) -> None:
     wanted += [(id, None, group) for id in OF_GROUPS for group in p.names]
     wanted += [(case.theorem, None, None)] * (p.q > 0) + [(case.theorem + "-printed", None, None)] * (p.P is not None)
     found = [(check.id, check.mode, check.group) for check in case.checks]
-    more = (*REGIONAL, case.theorem + "-weighted")
+    more = (*REGIONAL, case.theorem + "-weighted", "linearisation")
     need(set(found) <= {*wanted, *((id, None, None) for id in more)}, "there is a check that nobody asked for")
     need(len(set(found)) == len(found), "a check stands there twice")
     need(set(wanted) <= set(found), "a check is missing")
@@ -82,7 +82,7 @@ def confirm(case: Certificate, check: Any) -> None:
         need(claimed == (None,) * 4, "it is undecided and claims something")
     else:
         need(check.verdict in ("proved", "refuted"), "the verdict is none of proved, refuted and undecided")
-        named = {**dict.fromkeys(FACTS, fact), case.theorem + "-weighted": weighted}
+        named = {**dict.fromkeys(FACTS, fact), case.theorem + "-weighted": weighted, "linearisation": linearisation}
         (regional if about_region else named.get(check.id, consensus))(case, check)
 
 
@@ -120,7 +120,7 @@ def covers(case: Certificate, check: Any) -> bool:
     """True if what is proved holds from all starts that are asked for (lemma1: in its mode)."""
     p, domain = case.problem, check.domain
     local = (case.theorem, case.theorem + "-printed") if p.q else ("lemma1",)
-    if check.id in (*local, case.theorem + "-weighted"):
+    if check.id in (*local, case.theorem + "-weighted", "linearisation"):
         return p.region is None or p.domain == "global"
     if check.id not in ("max-separable", "lure", "exhaustive") or (p.region is None and domain != "global"):
         return False
@@ -146,4 +146,6 @@ def refuted(case: Certificate) -> bool:
         return True
     sides = [] if p.region is None else p.region.initial_states
     inside = (lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
-    return all(inside) and any(rational(check.exact["unstable_roots"]) > 0 for check in found if check.id == "lemma1")
+    return all(inside) and any(
+        rational(check.exact["unstable_roots"]) > 0 for check in found if check.id in ("lemma1", "linearisation")
+    )

@@ -20,6 +20,7 @@ Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling"]
 _DECIDED_IN: Final = {
     "observer": ("conditions/observer/decide.py", "exact/observability.py", "exact/polynomial.py"),
     "consensus": ("conditions/consensus/decide.py", "conditions/consensus/network.py", "exact/definite.py"),
+    "linearisation": ("conditions/linearisation/decide.py", "exact/polynomial.py"),
     "weighted": ("conditions/weighted/decide.py",),
     "separable": ("conditions/separable/decide.py", "conditions/separable/timing.py"),
     "quadratic": ("conditions/quadratic/decide.py",),
@@ -28,7 +29,13 @@ _DECIDED_IN: Final = {
     "schedule": ("conditions/schedule/decide.py",),
 }
 #: The file of the second program for a topic, where it is not one of the same name.
-_CHECKERS: Final = {"observer": "consensus", "weighted": "consensus", "boxes": "quadratic", "equilibrium": "separable"}
+_CHECKERS: Final = {
+    "observer": "consensus",
+    "weighted": "consensus",
+    "linearisation": "consensus",
+    "boxes": "quadratic",
+    "equilibrium": "separable",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -217,6 +224,20 @@ _ROWS: Final = (
         plain="D M + M' D - 2 beta D - D (I (x) S) D > 0 in every mode, with one D and one P",
         proved="Consensus under arbitrary switching, from close by (linear couplings: from everywhere).",
         refuted="Never: modes without common weights may have another common V.",
+    ),
+    Kind(
+        id="linearisation",
+        topic="linearisation",
+        role="paper",
+        name="Linearisation",
+        decides="whether every eigenvalue of the loop, linearised at the target, has a negative real part; for small"
+        " networks with couplings of any sign",
+        title="The linearisation at the target",
+        statement=r"\max \operatorname{Re}\,\sigma(J - K \otimes I) < 0,\quad \max \operatorname{Re}\,\sigma(A - WC) < 0",
+        plain="max Re of the eigenvalues of J - K and of A - WC < 0",
+        proved="Consensus despite the disturbance, from close by (linear couplings: from everywhere).",
+        refuted="The target is unstable: consensus fails in every neighbourhood of it.",
+        source="Lyapunov's first method, decided by Routh's table; theory, section 10.",
     ),
     Kind(
         id="max-separable",

@@ -242,7 +242,7 @@ def weighted(case: Certificate, check: Any) -> None:
 
 
 def linearisation(case: Certificate, check: Any) -> None:
-    """Every eigenvalue of J - K, of the only mode, and of A - W C is left of minus the rate, or one of J - K right of 0."""
+    """J - K (of one mode) and A - W C have all eigenvalues left of minus the rate, or J - K has some right of 0."""
     p, b = case.problem, check.rate or ZERO
     need(not p.kinked and len(p.modes) == 1, "it is about a smooth loop with one mode")
     need(check.margin is None and check.witness is None and (check.rate is None or b > 0), "it claims something else")

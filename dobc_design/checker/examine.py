@@ -146,6 +146,5 @@ def refuted(case: Certificate) -> bool:
         return True
     sides = [] if p.region is None else p.region.initial_states
     inside = (lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
-    return all(inside) and any(
-        rational(check.exact["unstable_roots"]) > 0 for check in found if check.id in ("lemma1", "linearisation")
-    )
+    rooted = (check.exact for check in found if check.id in ("lemma1", "linearisation"))
+    return all(inside) and any(rational(exact["unstable_roots"]) > 0 for exact in rooted)

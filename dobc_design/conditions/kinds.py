@@ -210,8 +210,8 @@ _ROWS: Final = (
         title="Theorem 1 with a weight for each agent",
         statement=r"D M + M^T D - 2\beta D - D (I \otimes S) D > 0,\quad M = (K \otimes I) - J,\ D > 0"
         r" \text{ diagonal}",
-        plain="D M + M' D - 2 beta D - D (I (x) S) D > 0 with M = K - J and D > 0 diagonal; S = C (-Omega0 - 2 beta P)^-1"
-        " C'",
+        plain="D M + M' D - 2 beta D - D (I (x) S) D > 0 with M = K - J and D > 0 diagonal; S = C (-Omega0 - 2 beta"
+        " P)^-1 C'",
         proved="Consensus despite the disturbance, from close by (linear couplings: from everywhere); V' <= -2 rate V.",
         refuted="Never: where no weights exist, reachability or the observer is refuted.",
     ),

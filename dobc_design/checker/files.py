@@ -25,6 +25,7 @@ from .reading import (
     matrix,
     maybe,
     need,
+    one_of,
     rational,
     read,
     short,
@@ -65,10 +66,14 @@ class Problem:
             "exosystem": maybe(an_object),
             "offsets": [(agent, (rational,) * m)],
             "observer": {"W": None, "P": None, "rate": maybe(rational)},
+            "uncertainty?": dict.fromkeys(("weights", "gains", "disturbance", "drift", "measurement"), rational)
+            | {"known_to_agents": partial(one_of, (bool,))},
+            "actuators?": {"limit": self.read_limit, "amplitude": maybe(rational)},
             "region": maybe({"initial_states": matrix(m, 2), "initial_disturbance": maybe(rational)}),
         }
         file = read(source, shape)
         self.name, self.notes, self.region = file.name, file.notes, file.region
+        self.uncertainty, self.actuators = file.uncertainty, file.actuators
         self.gains: dict[int, Matrix] = dict(file.gains)
         offsets = dict(file.offsets)
         self.goals = [plus([file.target], 1, [offsets.get(i, [ZERO] * m)])[0] for i in range(n)]
@@ -98,6 +103,12 @@ class Problem:
     def read_h(self, value: Any) -> tuple[str, ...]:
         """One expression, or one per component."""
         return (value,) if type(value) is str else tuple(read(value, (text,) * self.m))
+
+    def read_limit(self, value: Any) -> dict[int, Fraction]:
+        """The limits of the inputs: one for all agents, or one for some."""
+        each = value if type(value) is dict else {} if value is None else dict.fromkeys(self.labels, value)
+        need(set(each) <= set(self.labels), "there is no such agent")
+        return {self.labels.index(label): rational(limit) for label, limit in each.items()}
 
     # --- exosystems
     def read_groups(self, exosystem: Any, observer: Any) -> list[Any]:

@@ -233,7 +233,7 @@ _ROWS: Final = (
         decides="whether every eigenvalue of the loop, linearised at the target, has a negative real part; for small"
         " networks with couplings of any sign",
         title="The linearisation at the target",
-        statement=r"\max \operatorname{Re}\,\sigma(J - K \otimes I) < 0,\quad \max \operatorname{Re}\,\sigma(A - WC) < 0",
+        statement=r"\operatorname{Re}\,\sigma(J - K) < 0,\quad \operatorname{Re}\,\sigma(A - WC) < 0",
         plain="max Re of the eigenvalues of J - K and of A - WC < 0",
         proved="Consensus despite the disturbance, from close by (linear couplings: from everywhere).",
         refuted="The target is unstable: consensus fails in every neighbourhood of it.",

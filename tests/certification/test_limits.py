@@ -228,7 +228,7 @@ def test_a_faster_observer_reaches_a_rate_that_gains_alone_do_not(tmp_path: Path
     assert "deciding the theorem" in stages
 
 
-@pytest.mark.parametrize("rate", ["1.15", "1.6"])
+@pytest.mark.parametrize("rate", ["1.5", "1.6"])
 def test_the_nearest_request_is_the_fastest_that_was_proved(rate: str, tmp_path: Path):
     """Gains of 12 on agents 2 and 5 and W = 5 are certified at 1.046 1/s, so that less is not the nearest."""
     found = dd.design(loaded(tmp_path, FIVE), rate=rate, pins=2)

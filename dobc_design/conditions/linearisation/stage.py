@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.coverage import covers
 from dobc_design.conditions.linearisation.decide import ID, decaying_parts, linearisation_check
+from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import unreached
 from dobc_design.problem.problem import Problem
@@ -31,9 +32,9 @@ def linearisation_stage(
     def decided() -> Check:
         loop = linear_part(statements, *problem.network.modes) if statements.jacobians is not None else None
         parts = None if loop is None else decaying_parts(statements, W, loop)
-        slowest = math.inf if parts else 0.0
-        for part in parts or ():
-            slowest = min(slowest, -float(np.linalg.eigvals(to_float(part)).real.max()))
+        slowest = 0.0
+        with suppress(SpecError, np.linalg.LinAlgError):  # beyond the floats there is no estimate
+            slowest = min((-float(np.linalg.eigvals(to_float(part)).real.max()) for part in parts or ()), default=0.0)
         return linearisation_check(statements, W, estimate=slowest)
 
     found = limited(ID, statements.domain, decided)

@@ -88,8 +88,10 @@ def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weight
 
 def _stiffness(problem: Problem, mode: str) -> Any:
     """M = K - dh/de at the target, (n m, n m) sparse; None where it cannot be had."""
-    jacobian = consensus_jacobian(problem, mode)
-    return None if jacobian is None else sparse.csc_array(pinning_matrix(problem) - jacobian)
+    with np.errstate(all="ignore"):
+        jacobian = consensus_jacobian(problem, mode)
+        table = None if jacobian is None else sparse.csc_array(pinning_matrix(problem) - jacobian)
+    return table if table is not None and np.all(np.isfinite(table.data)) else None
 
 
 def abscissa(table: Any) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -29,61 +30,52 @@ from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, solve_cones, svec
 from dobc_design.solvers.program import Array, round_matrix
 
-PARTS = (
-    0.99995,
-    0.999,
-    0.995,
-    0.98,
-    0.95,
-    0.9,
-    0.75,
-    0.5,
-    0.25,
-    0.1,
-    0.01,
-    0.0,
-)  # of the rate that is thought possible
-STEPS = 30  # towards mu
-NEARLY = 0.99
+PARTS = (1.0, 0.999, 0.99, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1, 0.01, 0.001, 0.0)  # of the rate that is thought possible
+CLOSEST = 0.99995  # of mu where eigenvalues are known
+NEARLY = 0.995
+SHARPENINGS = 30  # of the rate towards mu
+SAFE = 1 - 1e-5  # of a rate that floats show
 DROPPED, FILL = 1e-4, 10  # of incomplete factorisations
+FEW_ENTRIES = 4  # per row, up to which a factorisation stays sparse
+FLOOR = 0.1  # the right side of inverse iteration is at least this part of its largest entry
 BISECTIONS = 8
 LARGEST_PROGRAM = 60  # states for which the weights of several modes are sought by a semidefinite program
 MARGIN = 1e-6
-PART = 1e-3
-CLOSE, QUICK = 1e-6, 100  # where iterations stop
-GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, np.linalg.LinAlgError)
+LEFT, ROUNDED = 0.25, 1e-9  # a row is met when these parts of its right side and of its terms are left at most
+CLOSE, QUICK = (1e-2, 1e-5), 400  # where iterations stop
+GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.LinAlgError)
 
 
 def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weighted, float]]:
     """Claims with their rates (1/s), the fastest first."""
     problem = statements.problem
     tables = {mode: _stiffness(problem, mode) for mode in problem.network.modes}
-    if any(table is None for table in tables.values()):
+    if any(table is None for table in tables.values()) or (problem.groups and W is None):
         return
-    known: dict[str, Any] = {mode: table for mode, table in tables.items() if table is not None}
-    most = min(map(abscissa, known.values()))
-    if not most > 0:
+    pairs = {mode: perron(table) for mode, table in tables.items()}
+    if any(pair is None for pair in pairs.values()):
         return
-    if problem.groups:
-        if W is None:
-            return
-        decay = min(decay_rate(group.exosystem, gain) for group, gain in _gains(problem, W))
-        most = min(most, 0.9995 * decay)
-    several = len(known) > 1
-    if several:  # the largest rate that common weights can have, about
+    most = SAFE * min(pair.rate for pair in pairs.values() if pair is not None)
+    if W is not None and problem.groups:
+        most = min(most, 0.9995 * min(decay_rate(group.exosystem, gain) for group, gain in _gains(problem, W)))
+    (first, *others) = pairs.values()
+    if others:  # the largest rate that common weights can have, about
         low, high = 0.0, most
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            low, high = (low, middle) if not _weights(known, middle) else (middle, high)
+            low, high = (low, middle) if not _weights(tables, middle) else (middle, high)
         most = low
     for part in PARTS:
         rate = shorten(part * most, digits=6)
-        try:
-            found = _at(problem, known, W, rate)
-        except GIVEN_UP:
-            continue
-        if found is not None:
-            yield found, rate
+        with suppress(*GIVEN_UP):
+            P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
+            weights = _weights(tables, rate) if others or first is None else [first.u / first.w]
+            for D in weights:
+                heights = {mode: _height(M, D, rate, first) for mode, M in tables.items()}
+                found = _scaled(problem, D, heights, W, P, rate)
+                if found is not None:
+                    yield found, rate
+                    break
 
 
 def _stiffness(problem: Problem, mode: str) -> Any:
@@ -94,56 +86,94 @@ def _stiffness(problem: Problem, mode: str) -> Any:
     return table if table is not None and np.all(np.isfinite(table.data)) else None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Perron:
+    """Vectors w, u > 0 (n m,) about (M - rate I)^-1 1 and (M - rate I)^-T 1.  With D = diag(u / w) and N = D (M - rate
+    I) + (M - rate I)'D they give N w = u ((M w)_i / w_i + (M'u)_i / u_i - 2 rate) > 0 for every smaller rate."""
+
+    w: Array
+    u: Array
+    rate: float
+
+
+def perron(table: Any) -> Perron | None:
+    """The pair of an M-matrix with a rate close to mu, the least real part of an eigenvalue; None if mu > 0 is not
+    seen."""
+    size = table.shape[0]
+    w = u = ones = np.ones(size)
+    acyclic = csgraph.connected_components(table, connection="strong")[0] == size
+    if size <= DENSE or acyclic:
+        mu = float(table.diagonal().min() if acyclic else np.linalg.eigvals(table.toarray()).real.min())
+        pairs = (_pair(table, part * mu, ones, ones) for part in (CLOSEST, *PARTS[1:-1]) if mu > 0)
+        return next((pair for pair in pairs if pair is not None), None)
+    best, low = None, 0.0
+    for _ in range(SHARPENINGS):
+        pair = _pair(table, low, w, u)
+        if pair is None or (best is not None and pair.rate <= best.rate * (1 + 1e-3)):
+            break
+        best, w = pair, pair.w / np.max(pair.w)
+        u = w if pair.u is pair.w else pair.u / np.max(pair.u)
+        if pair.rate >= NEARLY * float(u @ (table @ w)) / float(u @ w):
+            break
+        low = (1 - 1e-3) * pair.rate
+    return best
+
+
 def abscissa(table: Any) -> float:
     """About the least real part mu of an eigenvalue of an M-matrix; from below for large ones, 0 if none is seen."""
-    if table.shape[0] <= DENSE:
-        return float(np.linalg.eigvals(table.toarray()).real.min())
-    if csgraph.connected_components(table, connection="strong")[0] == table.shape[0]:
-        return float(table.diagonal().min())  # nobody hears back: M is triangular in some order
-    low, w = 0.0, np.ones(table.shape[0])
-    for _ in range(STEPS):
-        solve = _solver(table, low)
-        better = None if solve is None else solve(w, "N")
-        if better is None:
-            break
-        gain = float(np.min(w / better))  # (M - low I) better = w >= gain better, so mu - low >= gain
-        low, w = low + NEARLY * gain, better / np.max(better)
-        if gain <= 1e-3 * low:
-            break
-    return low
+    pair = perron(table)
+    return 0.0 if pair is None else pair.rate
+
+
+def _pair(table: Any, shift: float, w: Array, u: Array) -> Perron | None:
+    """One step of inverse iteration on both sides; None where it gives no positive vectors or no rate > 0."""
+    solve = _solver(table, shift)
+    floors = [np.maximum(x, FLOOR if table.shape[0] > DENSE else 1.0) for x in (w, u)]
+    x = None if solve is None else solve(floors[0], "N")
+    y = x
+    if solve is not None and x is not None and (w is not u or (table != table.T).nnz):
+        y = solve(floors[1], "T")
+    if x is None or y is None:
+        return None
+    with np.errstate(all="ignore"):
+        rate = float(np.min((table @ x) / x + (table.T @ y) / y)) / 2
+    return Perron(x, y, rate) if rate > 0 else None
 
 
 def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | None:
-    """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"), about: by iteration where that is quick and the
-    network large, else by a factorisation.  None where none is positive, each row met up to a part of its terms."""
+    """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"), about: by a factorisation where the network is
+    small or stays sparse, else by iteration.  None where none is positive, each row met up to a part of its terms."""
     size = table.shape[0]
     shifted = sparse.csc_array(table - rate * sparse.eye_array(size))
     matrices = {"N": sparse.csr_array(shifted), "T": sparse.csr_array(shifted.T)}
     scale = shifted.diagonal()
     if not np.all(scale > 0):
         return None
+    iterates = size > DENSE and table.nnz > FEW_ENTRIES * size
     factors: list[Any] = []
 
     def answers(right: Array, which: str) -> Iterator[Array]:
-        matrix = matrices[which]
-        if size > DENSE and not factors:
+        matrix, start = matrices[which], right / scale
+        for close in CLOSE if iterates and not factors else ():
             near = sparse.diags_array(1 / scale)
-            yield sparse.linalg.bicgstab(matrix, right, x0=right / scale, M=near, rtol=CLOSE, maxiter=QUICK)[0]
+            start = sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=close, maxiter=QUICK)[0]
+            yield start
         if not factors:
-            whole = (
-                {"drop_tol": DROPPED, "fill_factor": FILL} if size > DENSE else {"drop_tol": 0.0, "fill_factor": size}
-            )
-            factors.append(sparse.linalg.spilu(shifted, **whole))
+            if iterates:
+                factors.append(sparse.linalg.spilu(shifted, drop_tol=DROPPED, fill_factor=FILL))
+            else:  # without exchanges, which an M-matrix does not need, no digits of small entries are lost
+                factors.append(sparse.linalg.splu(shifted, diag_pivot_thresh=0.0))
         start = factors[0].solve(right, which)
         yield start
-        near = sparse.linalg.LinearOperator(matrix.shape, matvec=lambda x: factors[0].solve(x, which))
-        yield sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=CLOSE, maxiter=QUICK)[0]
+        if iterates:
+            near = sparse.linalg.LinearOperator(matrix.shape, matvec=lambda x: factors[0].solve(x, which))
+            yield sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=CLOSE[-1], maxiter=QUICK)[0]
 
     def solve(right: Array, which: str) -> Array | None:
         with np.errstate(all="ignore"), suppress(*GIVEN_UP):
             for x in answers(right, which):
                 missed = np.abs(matrices[which] @ x - right)
-                if np.all(np.isfinite(x)) and np.all(x > 0) and np.all(missed <= PART * (scale * x + right)):
+                if np.all(np.isfinite(x)) and np.all(x > 0) and np.all(missed <= LEFT * right + ROUNDED * scale * x):
                     return np.asarray(x)
         return None
 
@@ -185,8 +215,12 @@ def _program(tables: Mapping[str, Any], rate: float) -> list[Array]:
     return [found / found.max()] if len(found) and found.min() > 0 else []
 
 
-def _height(M: Any, D: Array, rate: float) -> tuple[Array, Array] | None:
-    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if none is seen."""
+def _height(M: Any, D: Array, rate: float, pair: Perron | None = None) -> tuple[Array, Array] | None:
+    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if none is seen.  ``pair``: whose w
+    will do where D is its own."""
+    if pair is not None and np.array_equal(D, pair.u / pair.w):
+        rise = D * (M @ pair.w) + M.T @ pair.u - 2 * rate * pair.u
+        return (pair.w, rise) if np.all(rise > 0) else None
     root = np.sqrt(D)  # N = diag(root) (X + X') diag(root), and X is scaled alike in all rows
     X = sparse.diags_array(root) @ M @ sparse.diags_array(1 / root) - rate * sparse.eye_array(len(D))
     even = sparse.csc_array(X + X.T)
@@ -196,24 +230,26 @@ def _height(M: Any, D: Array, rate: float) -> tuple[Array, Array] | None:
     return None if z is None or not np.all(rise > 0) else (z / root, rise)
 
 
-def _at(problem: Problem, tables: Mapping[str, Any], W: Matrix | None, rate: float) -> Weighted | None:
-    """Weights for this rate, common to all modes; None if none is seen."""
-    P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
+def _scaled(
+    problem: Problem,
+    D: Array,
+    heights: Mapping[str, tuple[Array, Array] | None],
+    W: Matrix | None,
+    P: Matrix | None,
+    rate: float,
+) -> Weighted | None:
+    """The claim, its weights D small enough for the observer; None where a height is missing or P proves nothing."""
+    known = {mode: found for mode, found in heights.items() if found is not None}
     sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
-    if sigma is None:
+    if sigma is None or len(known) < len(heights):
         return None
-    owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
-    weight = np.array([float(x) for x in sigma])[owners]
-    for D in _weights(tables, rate):
-        heights = {mode: _height(M, D, rate) for mode, M in tables.items()}
-        known = {mode: found for mode, found in heights.items() if found is not None}
-        if len(known) < len(tables):
-            continue
-        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in known.values())
-        scale = min(1.0, room / 2)
-        return Weighted(D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in known.items()}, P=P)
-    return None
+    weight = np.array([float(x) for x in sigma])[
+        np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
+    ]
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in known.values())
+    scale = min(1.0, room / 2)
+    return Weighted(D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in known.items()}, P=P)
 
 
 def rounded(x: Array) -> Vector | Doubles:

@@ -29,7 +29,7 @@ from dobc_design.conditions.consensus.claim import Pair, Statements, state_theor
 from dobc_design.conditions.consensus.decide import Proposal
 from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
-from dobc_design.conditions.coverage import Asked, Progress, covers, read_region
+from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_region
 from dobc_design.conditions.linearisation.stage import linearisation_stage
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
@@ -172,7 +172,15 @@ def region_checks(
     couplings the same holds from every start, which may decide a question without a region."""
     known = any(covers(problem, check, checks) for check in checks)
     if problem.region is None and not known:
-        known = domain != "global" or decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
+        known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
+        if not (known or everything or domain == "global") and len(problem.network.modes) > 1:
+            near = replace(
+                read_region(problem, W, domain=domain, everything=False),
+                radius=NEAR,
+                disturbance=NEAR * (W is not None),
+            )
+            return separable_stage(near, report)
+        known = known or domain != "global"
     if known and not everything:
         return []
     asked = read_region(problem, W, domain=domain, everything=everything)

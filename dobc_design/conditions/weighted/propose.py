@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import combinations, islice
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,7 @@ DROPPED, FILL = 1e-4, 10  # of incomplete factorisations
 FEW_ENTRIES = 4  # per row, up to which a factorisation stays sparse
 FLOOR = 0.1  # the right side of inverse iteration is at least this part of its largest entry
 BISECTIONS = 8
+COMPARED = 8  # modes that are compared two by two
 LARGEST_PROGRAM = 60  # states for which the weights of several modes are sought by a semidefinite program
 MARGIN = 1e-6
 LEFT, ROUNDED = 0.25, 1e-9  # a row is met when these parts of its right side and of its terms are left at most
@@ -76,6 +78,17 @@ def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weight
                 if found is not None:
                     yield found, rate
                     break
+
+
+def disagreeing(problem: Problem) -> tuple[str, str] | None:
+    """Two modes that seem to have no weights in common; None if none of the first ones do."""
+    tables = {mode: _stiffness(problem, mode) for mode in islice(problem.network.modes, COMPARED)}
+    with suppress(*GIVEN_UP):
+        for pair in combinations(tables, 2):
+            own = {mode: tables[mode] for mode in pair}
+            if all(table is not None for table in own.values()) and not _weights(own, 0.0):
+                return pair
+    return None
 
 
 def _stiffness(problem: Problem, mode: str) -> Any:

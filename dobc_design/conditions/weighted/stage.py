@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.weighted.decide import weighted_check, why_not
-from dobc_design.conditions.weighted.propose import proposals
+from dobc_design.conditions.weighted.propose import disagreeing, proposals
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
 from dobc_design.problem.arrays import unreached
@@ -28,6 +30,10 @@ def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
             check = weighted_check(id, statements, W, claim, rate=rate)
             if check.verdict is Verdict.PROVED:
                 return check
-        return weighted_check(id, statements, W, None, rate=0.0)
+        check = weighted_check(id, statements, W, None, rate=0.0)
+        pair = disagreeing(problem) if len(modes) > 1 else None
+        if pair is None:
+            return check
+        return replace(check, reason=f"no weights D are found that serve the modes {pair[0]} and {pair[1]} together.")
 
     return [limited(id, statements.domain, decided)]

@@ -12,7 +12,7 @@ import pytest
 from scipy import linalg
 
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
+from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
 from dobc_design.conditions.check import Check, Values
@@ -87,6 +87,31 @@ def test_the_rates_of_the_theory(gains, rates):
 
 def test_paper_fixed_gains_half_of_its_rate():
     assert row(load_problem("paper-fixed")).rate >= 0.5098
+
+
+CYCLE = [[1, 2, "6.01"], [2, 3, "0.22"], [3, 1, "28.46"]]  # agent 1 is pinned
+
+
+@pytest.mark.parametrize(
+    ("other", "gain", "verdict", "said"),
+    [
+        (
+            [[1, 3, "2.07"], [2, 1, "0.33"], [3, 1, "3.04"]],
+            "0.11",
+            Verdict.PROVED,
+            "with |e_i| <= 0.001 (max-separable)",
+        ),
+        ([[1, 2], [2, 1, "1/7"], [3, 1, 1]], "5/2", Verdict.UNDECIDED, "serve the modes m0 and m1 together"),
+    ],
+)
+def test_modes_without_common_weights_are_proved_by_a_common_v_or_named(other, gain, verdict, said):
+    first = CYCLE if verdict is Verdict.PROVED else [[1, 3, 8], [2, 1, "1/3"], [3, 1, "1/4"]]
+    network = Network.from_arcs({"m0": first, "m1": other}, arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling="tanh(y)", gains={1: gain})
+    certificate = certify(problem)
+    assert certificate.check("theorem2-weighted").verdict is Verdict.UNDECIDED
+    assert (certificate.verdict, said in certificate.reason) == (verdict, True)
+    assert verify(certificate, problem).holds
 
 
 def test_a_chain_of_ten_has_the_rate_of_one_agent():

@@ -89,24 +89,27 @@ def test_paper_fixed_gains_half_of_its_rate():
     assert row(load_problem("paper-fixed")).rate >= 0.5098
 
 
-CYCLE = [[1, 2, "6.01"], [2, 3, "0.22"], [3, 1, "28.46"]]  # agent 1 is pinned
+def fan(second, third):
+    """Agent ``second`` hears 1 faintly, and ``third`` hears it loudly."""
+    return [[second, 1, "1/10"], [third, second, 9]]
 
 
 @pytest.mark.parametrize(
-    ("other", "gain", "verdict", "said"),
+    ("m0", "m1", "gain", "verdict", "said"),
     [
         (
-            [[1, 3, "2.07"], [2, 1, "0.33"], [3, 1, "3.04"]],
-            "0.11",
+            [[1, 2, 6], [2, 3, "1/5"], [3, 1, 28]],
+            [[1, 3, 2], [2, 1, "1/3"], [3, 1, 3]],
+            "1/10",
             Verdict.PROVED,
             "with |e_i| <= 0.001 (max-separable)",
         ),
-        ([[1, 2], [2, 1, "1/7"], [3, 1, 1]], "5/2", Verdict.UNDECIDED, "serve the modes m0 and m1 together"),
+        # D = diag(., 1, d) would need 4 * 0.1 > 9 d and 4 * 0.1 d > 9; a common v: v_3 > v_2 > v_3
+        (fan(2, 3), fan(3, 2), 1, Verdict.UNDECIDED, "serve the modes m0 and m1 together"),
     ],
 )
-def test_modes_without_common_weights_are_proved_by_a_common_v_or_named(other, gain, verdict, said):
-    first = CYCLE if verdict is Verdict.PROVED else [[1, 3, 8], [2, 1, "1/3"], [3, 1, "1/4"]]
-    network = Network.from_arcs({"m0": first, "m1": other}, arrow="listens_to", agents=3)
+def test_modes_without_common_weights_are_proved_by_a_common_v_or_named(m0, m1, gain, verdict, said):
+    network = Network.from_arcs({"m0": m0, "m1": m1}, arrow="listens_to", agents=3)
     problem = Problem(network=network, coupling="tanh(y)", gains={1: gain})
     certificate = certify(problem)
     assert certificate.check("theorem2-weighted").verdict is Verdict.UNDECIDED

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import ModeJacobian, Pair, Statements
 from dobc_design.conditions.consensus.decide import schur_block
-from dobc_design.conditions.numbers import MANY_AGENTS, claimed
+from dobc_design.conditions.numbers import MANY_AGENTS, claimed, shorten
 from dobc_design.conditions.weighted.claim import Weighted, read_claim
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply
@@ -163,7 +163,7 @@ def weighted_check(id: str, statements: Statements, W: Matrix | None, claim: Wei
     if claim is None or not holds(claim, statements, W, rate=claimed(rate)):
         return replace(undecided, reason="no weights D were found for which the condition is proved.")
     where = " everywhere (the couplings are linear)" if statements.domain == "global" else " near the target"
-    pace = f", V' <= -2 ({rate:.4g}) V" if rate else ""
+    pace = f", V' <= -2 ({shorten(rate, digits=4):.4g}) V" if rate else ""
     observer = " + sum eps_i' P eps_i" if claim.P is not None else ""
     return Check(
         id=id,

@@ -6,7 +6,7 @@ positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive def
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from typing import Any
@@ -198,8 +198,22 @@ def _at(problem: Problem, tables: Mapping[str, Any], W: Matrix | None, rate: flo
     """Weights for this rate, common to all modes; None if none is seen."""
     P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
     sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
-    if sigma is None:
+    return None if sigma is None else _scaled(problem, tables, rate, sigma, P)
+
+
+def network_claim(problem: Problem, rate: float) -> Weighted | None:
+    """Weights of the network alone (eps = 0) for a rate (1/s), common to all modes; None if none are seen."""
+    tables = {mode: table for mode in problem.network.modes if (table := _stiffness(problem, mode)) is not None}
+    try:
+        sigma = (Fraction(0),) * max(1, len(problem.groups))
+        return _scaled(problem, tables, rate, sigma, None) if len(tables) == len(problem.network.modes) else None
+    except GIVEN_UP:
         return None
+
+
+def _scaled(
+    problem: Problem, tables: Mapping[str, Any], rate: float, sigma: Sequence[Fraction], P: Matrix | None
+) -> Weighted | None:
     owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
     weight = np.array([float(x) for x in sigma])[owners]
     for D in _weights(tables, rate):

@@ -161,7 +161,7 @@ def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) 
 
 def is_symmetric(table: Any) -> bool:
     """Whether a sparse matrix equals its transpose."""
-    return (table != table.T).nnz == 0
+    return bool((table != table.T).nnz == 0)
 
 
 def _with_caps(
@@ -288,7 +288,7 @@ def _solve(matrix: Any, right: Array, *, size: float) -> Array | None:
 
 
 def factorised(matrix: Any) -> Callable[[Array], Array]:
-    """How to solve with a sparse matrix of symmetric or dominant pattern, again and again.  Raises: RuntimeError if it is singular."""
+    """How to solve with a sparse matrix, again and again.  Raises: RuntimeError if it is singular."""
     solve: Callable[[Array], Array] = splu(sparse.csc_array(matrix), **SYMMETRIC).solve
     return solve
 

@@ -42,6 +42,7 @@ FEW_ROWS = 15  # up to which a conic program is the quicker way to shared gains
 ROWS = 5000  # agents up to which factors of sparse networks stay small
 FEW_PINS = 300  # up to which a dense Schur complement is multiplied, which is quicker than a solve
 DUAL_STEPS = 1500
+NEGATIVE = 1e-10  # relative to the entries: what counts as a gain below 0 there
 DENSE_PARTS = 300  # rows of a strongly connected part up to which all its eigenvalues are computed
 NEWTON, CLOSE = 200, 1e-10  # steps towards the smallest gains of a part, and of log v where they end
 UNUSED = 0.1  # the part of the cost that is nobody's at the beginning, to mode 1's
@@ -218,7 +219,7 @@ def _uncapped_parts(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimum
             found = _part(block, active, costs[part])
             if found is None:
                 return None
-            negative = active & (found.gains < -1e-13 * float(np.max(np.abs(block.data), initial=0.0)))
+            negative = active & (found.gains < -NEGATIVE * float(np.max(np.abs(block.data), initial=0.0)))
             if not np.any(negative):
                 break
             active &= ~negative

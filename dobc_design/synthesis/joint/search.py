@@ -397,18 +397,19 @@ def _with_more_pins(ground: Ground, found: PinningDesign, rate: Fraction, agents
 
 
 def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
-    """The agents that do at a very low rate, and the parts of the fastest rate with them."""
+    """The agents that do at a very low rate, and the parts of the fastest rate with them; by V = e'e, because the true
+    rate comes near its limit only with very large gains."""
     problem, request = ground.problem, ground.request
     blocks = network_blocks(problem)
     scale = Fraction(1) if blocks is None or not blocks.scale else claimed(float(f"{blocks.scale:.1g}"))
-    start = ground.pinning(scale * START, request.allowed, request.pins or FEWEST)
+    start = ground.pinning(scale * START, request.allowed, request.pins or FEWEST, conservative=True)
     if start.verdict is not Verdict.PROVED:
         return request.allowed, [scale * START]
     pinned = tuple(sorted(problem.network.index[label] for label in start.gains))
     fastest, high = Fraction(0), scale
     for _ in range(24):  # by bisection, since caps and modes are in it; the first steps may lie above
         middle = (fastest + high) / 2
-        reached = ground.pinning(_three_digits(middle), pinned).verdict is Verdict.PROVED
+        reached = ground.pinning(_three_digits(middle), pinned, conservative=True).verdict is Verdict.PROVED
         fastest, high = (middle, high) if reached else (fastest, middle)
         if fastest and high - fastest <= fastest / 20:
             break

@@ -289,9 +289,10 @@ def _task(problem: Problem, accepted: Accepted, *, minimum: Accepted | None) -> 
         aim = f"a decay rate of at least {proposal.rate:.2g} 1/s near the target (V = e'De, a weight for each agent)"
         return f"{head}. Recommended: {aim}. Smaller gains do as well."
     if minimum is not None:
-        return f"{head}. Recommended: half of the maximum decay rate. Minimum: {_gains(problem, minimum.gains)}."
+        least = f"Minimum with V = e'e: {_gains(problem, minimum.gains)}"
+        return f"{head}. Recommended: half of the maximum decay rate. {least}."
     if proposal.smallest:
-        return f"{head}. Minimum: smaller gains do not suffice."
+        return f"{head}. Minimum with V = e'e: smaller gains do not suffice."
     return f"{head}. Recommended: half of the maximum decay rate. Smaller gains do as well."
 
 

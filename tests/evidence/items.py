@@ -71,6 +71,7 @@ ITEMS = (
     Item(name="optimal", run=optimal.pinning, count=10_000, seed=9700),
     Item(name="optimal-boxes", run=optimal.boxes, count=10_000, seed=9750),
     Item(name="designs", run=designs.requests, count=100, seed=9900),
+    Item(name="true-rate-designs", run=designs.true_rate, count=200, seed=9950),
     Item(name="built-in-designs", run=designs.built_in, count=6, seed=0),
     Item(name="hadamard", run=hadamard.run, count=240, seed=7000),
     Item(name="hostile", run=hostile.run, count=250, seed=9800, share=12),

@@ -18,6 +18,7 @@ from scipy import sparse
 from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, network_blocks, smallest_gains
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
+from dobc_design.conditions.numbers import shorten
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.problem import Problem
@@ -28,6 +29,7 @@ LARGE = 500  # agents from which every single try takes a noticeable time
 WORK = 10_000_000  # tries times squared size
 GREEDY_WORK = 500_000  # looks times squared size of a greedy step
 LOOKED_AT = 12  # agents of the slowest direction among which a greedy step chooses, if a look is cheap
+NEARLY = 0.999  # of a rate that is aimed at
 NEARLY_ZERO = 1e-9  # relative to the entries of S
 ALIKE = 1e-6  # totals that differ by less (relatively) are a tie
 ENOUGH = Fraction(51, 50)  # two digits if they ask for at most this much more than is needed, else three
@@ -39,13 +41,15 @@ Progress = Callable[[str], None]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinProposal:
     """Gains by agent index, about; which agents are new; the ``rivals`` of a single new one.  ``keeps``: the present
-    gains stay.  ``smallest``: the least that can do; else the least for half of the fastest decay."""
+    gains stay.  ``smallest``: the least that can do; else the least for half of the fastest decay, or where V has
+    weights for the true ``rate`` (1/s), which is slower where that would take very large gains."""
 
     gains: Mapping[int, float]
     added: tuple[int, ...] = ()
     rivals: tuple[int, ...] = ()
     keeps: bool = False
     smallest: bool = True
+    rate: float = 0.0
 
     def rounded(self, *, factor: float = 1.0) -> dict[int, Fraction]:
         """The gains times ``factor``, rounded up to two or three digits."""
@@ -72,33 +76,40 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
     if not np.isfinite(rate):  # every gain > 0 would do
         rate = blocks.scale / 8 if blocks.scale else 1.0
     faster = smallest_gains(pinning.for_rate(blocks, rate), agents)
+    while blocks.weighted and faster is not None and np.max(faster) > blocks.scale:
+        rate /= 2
+        faster = smallest_gains(pinning.for_rate(blocks, rate), agents)
     if faster is not None:
-        yield replace(proposal, gains=dict(enumerate(faster.tolist())), smallest=False)
+        own = shorten(NEARLY * rate, digits=2) if blocks.weighted else 0.0
+        yield replace(proposal, gains=dict(enumerate(faster.tolist())), smallest=False, rate=own)
 
 
-def on_present_pins(problem: Problem) -> Iterator[PinProposal]:
-    """New gains on the present pins; nothing if there are none, or no gains on them can do."""
-    blocks = network_blocks(problem)
+def on_present_pins(problem: Problem, *, weighted: bool = False) -> Iterator[PinProposal]:
+    """New gains on the present pins; nothing if there are none, or no gains on them can do.  ``weighted``, here and
+    below: rates are the true ones, those of V with weights."""
+    blocks = network_blocks(problem, weighted=weighted)
     if blocks is not None and problem.pinning.agents:
         yield from gains_on(blocks, problem.pinning.agents, PinProposal(gains={}))
 
 
-def one_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[PinProposal]:
+def one_more(problem: Problem, *, weighted: bool = False, progress: Progress | None = None) -> Iterator[PinProposal]:
     """The best agent to add: beside the present gains as they are, then with all gains chosen anew."""
-    for blocks, pins in _grounds(problem):
+    for blocks, pins in _grounds(problem, weighted=weighted):
         found = best_single(blocks, problem, pins=pins, progress=progress)
         if found:
             proposal = PinProposal(gains={}, added=found[:1], rivals=found[1:], keeps=not pins)
             yield from gains_on(blocks, (*pins, found[0]), proposal)
 
 
-def several_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[PinProposal]:
+def several_more(
+    problem: Problem, *, weighted: bool = False, progress: Progress | None = None
+) -> Iterator[PinProposal]:
     """A small set to add, likewise; last, one gain on every agent, which always does."""
-    blocks = network_blocks(problem)
+    blocks = network_blocks(problem, weighted=weighted)
     if blocks is None:
         return
     added = small_set(blocks, problem, progress=progress)
-    for ground, pins in _grounds(problem):
+    for ground, pins in _grounds(problem, weighted=weighted):
         yield from gains_on(ground, (*pins, *added), PinProposal(gains={}, added=added, keeps=not pins))
     enough = 0.0  # by how much the entries off the diagonal outweigh it, in the worst row (Gershgorin)
     for table in blocks.tables:
@@ -110,12 +121,12 @@ def several_more(problem: Problem, *, progress: Progress | None = None) -> Itera
     yield PinProposal(gains=dict.fromkeys(range(problem.n), gain), added=new, smallest=False)
 
 
-def _grounds(problem: Problem) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
+def _grounds(problem: Problem, *, weighted: bool) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
     """What to add to: the present gains as they are; the present pins with gains still to be chosen."""
-    kept = network_blocks(problem, pins=True)
+    kept = network_blocks(problem, pins=True, weighted=weighted)
     if kept is not None:
         yield kept, ()
-    free = network_blocks(problem)
+    free = network_blocks(problem, weighted=weighted)
     if free is not None and problem.pinning.agents:
         yield free, problem.pinning.agents
 

@@ -1,4 +1,9 @@
-"""The smallest pinning gains: minimise sum c_i k_i over k >= 0 subject to Lambda(K) <= -2 beta I (theory, section 7).
+"""The smallest pinning gains: minimise sum c_i k_i over k >= 0 subject to Lambda(K) <= -2 beta I (theory, section 7),
+or, with weights of V, subject to mu(M) >= beta (section 10), M = K - J, mu its least real part of an eigenvalue.
+
+Where J has no negative entry off its diagonal, mu(M) >= beta iff M v >= beta v for a v > 0, in each strongly connected
+part of the network by itself.  There k_i = beta - (M0 v)_i / v_i on the pins, the other rows are 0, and the sum is
+convex in log v: Newton's method.
 
 Where -(J + J') is a Z-matrix the optimum has a closed form.  Gains that several Z-matrices share are a geometric
 program, solved through its dual: the cost of every pinned agent is shared, sum over r of v_r,i^2 <= c_i, and -1/2 sum
@@ -14,8 +19,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import optimize, sparse
-from scipy.sparse.linalg import cg, splu
+from scipy import linalg, optimize, sparse
+from scipy.sparse import csgraph
+from scipy.sparse.linalg import cg, eigs, splu
 
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
 from dobc_design.problem.problem import Problem
@@ -36,6 +42,9 @@ FEW_ROWS = 15  # up to which a conic program is the quicker way to shared gains
 ROWS = 5000  # agents up to which factors of sparse networks stay small
 FEW_PINS = 300  # up to which a dense Schur complement is multiplied, which is quicker than a solve
 DUAL_STEPS = 1500
+NEGATIVE = 1e-10  # relative to the entries: what counts as a gain below 0 there
+DENSE_PARTS = 300  # rows of a strongly connected part up to which all its eigenvalues are computed
+NEWTON, CLOSE = 200, 1e-10  # steps towards the smallest gains of a part, and of log v where they end
 UNUSED = 0.1  # the part of the cost that is nobody's at the beginning, to mode 1's
 # What the gains are raised by, relatively, until all matrices are definite.
 RISES = (0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
@@ -49,7 +58,8 @@ SYMMETRIC: Any = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "opti
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Blocks:
     """S = -(J + J') - 2 beta I of every mode (by component with ``width`` 1), equal ones once: S + 2 k_i on the rows of
-    agent i is to be >= 0.  ``z``: no entry off the diagonal is > 0; ``sources``: the mode and component of each."""
+    agent i is to be >= 0.  ``z``: no entry off the diagonal is > 0; ``sources``: the mode and component of each.
+    ``weighted``: S = -2 J - 2 beta I, not symmetric, is to have no eigenvalue with a negative real part."""
 
     agents: int
     width: int
@@ -57,6 +67,7 @@ class Blocks:
     scale: float
     z: bool
     sources: tuple[tuple[str, int], ...] = ()
+    weighted: bool = False
 
     @property
     def is_small(self) -> bool:
@@ -75,13 +86,14 @@ class Optimum:
     bound: float = 0.0
 
 
-def network_blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
+def network_blocks(problem: Problem, *, pins: bool = False, weighted: bool = False) -> Blocks | None:
     """Build the blocks of a problem, beta = 0; None if an entry is beyond the floats.  ``pins``: the present gains
-    stay and are part of S, so that further ones come on top of them."""
+    stay and are part of S, so that further ones come on top of them.  ``weighted``: for V with weights."""
     n, m = problem.n, problem.m
     tables: dict[bytes, Any] = {}
     sources: dict[bytes, tuple[str, int]] = {}
-    found = [sparse.coo_array(-float_lambda(problem, mode, pins=pins)) for mode in problem.network.modes]
+    lambdas = [float_lambda(problem, mode, pins=pins, twice=weighted) for mode in problem.network.modes]
+    found = [sparse.coo_array(-table) for table in lambdas]
     for table in found:
         table.sum_duplicates()
     if not all(np.all(np.isfinite(table.data)) for table in found):
@@ -99,7 +111,7 @@ def network_blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
     scale = max((float(np.max(np.abs(t.data), initial=0.0)) for t in tables.values()), default=0.0)
     z = width == 1 and all(np.all((t.data <= 0) | (t.row == t.col)) for t in map(sparse.coo_array, tables.values()))
     whole, places = tuple(tables.values()), tuple(sources.values())
-    return Blocks(agents=n, width=width, tables=whole, scale=scale, z=z, sources=places)
+    return Blocks(agents=n, width=width, tables=whole, scale=scale, z=z, sources=places, weighted=weighted)
 
 
 def for_rate(blocks: Blocks, rate: float) -> Blocks:
@@ -121,7 +133,7 @@ def smallest_gains(blocks: Blocks, allowed: Collection[int], *, costs: Sequence[
     weights = np.ones(blocks.agents) if costs is None else np.asarray(costs, dtype=np.float64)
     chosen = np.isin(np.arange(blocks.agents), list(allowed))
     found = valid_gains(blocks, chosen, weights) if blocks.z else None
-    if blocks.z and (found is None or len(blocks.tables) == 1):
+    if blocks.z and (found is None or len(blocks.tables) == 1 or blocks.weighted):
         return found
     if not blocks.z and fastest_rate(blocks, allowed) <= 1e-9 * blocks.scale:
         return None
@@ -143,9 +155,14 @@ def valid_gains(blocks: Blocks, chosen: Any, weights: Array) -> Array | None:
 
 
 def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Optimum | None:
-    """The optimal gains for one symmetric Z-matrix S (n, n), at most ``caps`` (n,); None if none can do.  Source:
-    theory, section 7; with caps the multiplier of a cap is v_i^2 - c_i."""
-    return _with_caps(_uncapped, [table], chosen, weights, caps)
+    """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do.  Source: theory,
+    sections 7 and 10; with caps the multiplier of a cap is v_i^2 - c_i."""
+    return _with_caps(_uncapped if is_symmetric(table) else _uncapped_parts, [table], chosen, weights, caps)
+
+
+def is_symmetric(table: Any) -> bool:
+    """Whether a sparse matrix equals its transpose."""
+    return bool((table != table.T).nnz == 0)
 
 
 def _with_caps(
@@ -191,9 +208,72 @@ def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Optimum | N
     return None
 
 
+def _uncapped_parts(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimum | None:
+    """The same where S is not symmetric, in each strongly connected part by itself: v such that the sum of the gains
+    is least, (S v)_i = 0 on agents without one."""
+    (table,), gains, v = tables, np.zeros(len(costs)), np.ones(len(costs))
+    for part in strong_parts(table):
+        block = sparse.csr_array(table[part][:, part])
+        active = np.array(chosen[part], dtype=bool)
+        while True:
+            found = _part(block, active, costs[part])
+            if found is None:
+                return None
+            negative = active & (found.gains < -NEGATIVE * float(np.max(np.abs(block.data), initial=0.0)))
+            if not np.any(negative):
+                break
+            active &= ~negative
+        gains[part], v[part] = np.maximum(found.gains, 0.0), found.duals[0]
+    return Optimum(gains=gains, duals=(v,))
+
+
+def strong_parts(table: Any) -> list[Any]:
+    """The rows of every strongly connected part of the pattern."""
+    count, owner = csgraph.connected_components(table, connection="strong")
+    order = np.argsort(owner, kind="stable")
+    return np.split(order, np.cumsum(np.bincount(owner, minlength=count))[:-1])
+
+
+def _part(block: Any, active: Any, costs: Array) -> Optimum | None:
+    """Gains, of any sign, on the ``active`` agents of one part; None if the others have an eigenvalue <= 0."""
+    pins, others = np.flatnonzero(active), np.flatnonzero(~active)
+    v, follow = np.ones(len(costs)), np.zeros((len(others), len(pins)))
+    flows = block[pins][:, pins].toarray()
+    if len(others):
+        inner, size = block[others][:, others], float(np.max(np.abs(block.data), initial=0.0))
+        if _solve(inner, np.ones(len(others)), size=size) is None:
+            return None
+        if len(pins):
+            follow = -factorised(inner)(block[others][:, pins].toarray()).reshape(follow.shape)
+            flows = flows + block[pins][:, others] @ follow
+    v[pins] = _balance(-flows * costs[pins][:, None])
+    v[others] = follow @ v[pins]
+    gains = np.zeros(len(costs))
+    gains[pins] = -(flows @ v[pins]) / (2 * v[pins])
+    return Optimum(gains=gains, duals=(v,))
+
+
+def _balance(flows: Array) -> Array:
+    """v > 0 with the least sum of flows_ij v_j / v_i, entries >= 0 off the diagonal: row sums equal column sums."""
+    logs = np.zeros(len(flows))
+    for _ in range(NEWTON if len(flows) > 1 else 0):
+        moved = flows * np.exp(logs[None, :] - logs[:, None])
+        np.fill_diagonal(moved, 0.0)
+        out, back = moved.sum(axis=1), moved.sum(axis=0)
+        hessian = np.diag(out + back) - moved - moved.T
+        hessian += np.diag(np.full(len(flows), 1e-14 * float(np.max(out + back))))
+        step = np.linalg.solve(hessian, out - back)
+        step -= np.mean(step)
+        size = float(np.max(np.abs(step)))
+        logs += step / max(1.0, size)
+        if size < CLOSE:
+            break
+    return np.asarray(np.exp(logs))
+
+
 def _solve(matrix: Any, right: Array, *, size: float) -> Array | None:
-    """Solve M x = right for a Z-matrix M; None unless M is positive definite (M w = 1 has a solution w > 0)."""
-    if len(right) > LARGE and (quick := _iterated(matrix, right)) is not None:
+    """Solve M x = right for a Z-matrix M; None unless M is a nonsingular M-matrix (M w = 1 has a solution w > 0)."""
+    if len(right) > LARGE and is_symmetric(matrix) and (quick := _iterated(matrix, right)) is not None:
         return quick
     both = np.column_stack([right, np.ones(len(right))])
     dense = len(right) <= DENSE or matrix.nnz > FULL * len(right) ** 2
@@ -209,7 +289,7 @@ def _solve(matrix: Any, right: Array, *, size: float) -> Array | None:
 
 
 def factorised(matrix: Any) -> Callable[[Array], Array]:
-    """How to solve with a symmetric sparse matrix, again and again.  Raises: RuntimeError if it is singular."""
+    """How to solve with a sparse matrix, again and again.  Raises: RuntimeError if it is singular."""
     solve: Callable[[Array], Array] = splu(sparse.csc_array(matrix), **SYMMETRIC).solve
     return solve
 
@@ -245,11 +325,37 @@ def looseness(blocks: Blocks, allowed: Collection[int]) -> float:
 
 
 def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
-    """The smallest eigenvalue of a principal submatrix and its vector on these rows, about; inf on no rows."""
+    """The least real part of an eigenvalue of a principal submatrix, and what each of these rows has to do with it:
+    the eigenvector, or without symmetry how much a gain there would raise it.  About; inf on no rows."""
     if not len(rows):
         return float("inf"), np.zeros(0)
+    if not is_symmetric(block := sparse.csr_array(table[rows][:, rows])):
+        return _lowest_of_parts(block)
     top = largest_eigenvalue(sparse.coo_array(-table[rows][:, rows]))
     return -top.value, top.vector
+
+
+def _lowest_of_parts(block: Any) -> tuple[float, Array]:
+    """Of the slowest strongly connected part of a Z-matrix the eigenvalue and u_i w_i of its left and right vectors."""
+    best, weights = float("inf"), np.zeros(block.shape[0])
+    for part in strong_parts(block):
+        inner = sparse.csc_array(block[part][:, part])
+        radii = abs(inner).sum(axis=1) - inner.diagonal()  # its eigenvalues lie to the right of all discs
+        shift = float(np.min(inner.diagonal() - radii)) - 1e-3 * float(np.max(np.abs(inner.diagonal())))
+        if shift >= best:
+            continue
+        if len(part) <= DENSE_PARTS:
+            values, left, right = linalg.eig(inner.toarray(), left=True)
+            place = int(np.argmin(values.real))
+            value, u, w = float(values[place].real), left[:, place], right[:, place]
+        else:
+            start = np.ones(len(part))
+            (found,), w = eigs(inner, 1, sigma=shift, v0=start)
+            value, u, w = float(found.real), eigs(inner.T, 1, sigma=shift, v0=start)[1][:, 0], w[:, 0]
+        if value < best:
+            best, weights = value, np.zeros(block.shape[0])
+            weights[part] = np.abs(u * w) / np.max(np.abs(u * w))
+    return best, weights
 
 
 def slowest_on(blocks: Blocks, agents: Array) -> Array:

@@ -43,7 +43,15 @@ def why_not(statements: Statements) -> str | None:
 def holds(claim: Weighted, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
     """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the observer."""
     sigma = observer_bounds(statements.problem, claim.P, W, rate=rate)
-    if sigma is None or why_not(statements) is not None or statements.jacobians is None:
+    return sigma is not None and network_holds(claim, statements, rate=rate, sigma=sigma)
+
+
+def network_holds(
+    claim: Weighted, statements: Statements, *, rate: Fraction, sigma: Sequence[Fraction] | None = None
+) -> bool:
+    """The same for sigma of every group; for the network alone (eps = 0) without."""
+    sigma = (ZERO,) * max(1, len(statements.problem.groups)) if sigma is None else sigma
+    if why_not(statements) is not None or statements.jacobians is None:
         return False
     return all(
         rows_hold(mode, statements.problem, claim.D, claim.w[mode.name], rate=rate, sigma=sigma)

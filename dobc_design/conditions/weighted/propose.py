@@ -6,7 +6,7 @@ positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive def
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
@@ -71,13 +71,11 @@ def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weight
         rate = shorten(part * most, digits=6)
         with suppress(*GIVEN_UP):
             P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
-            weights = _weights(tables, rate) if others or first is None else [first.u / first.w]
-            for D in weights:
-                heights = {mode: _height(M, D, rate, first) for mode, M in tables.items()}
-                found = _scaled(problem, D, heights, W, P, rate)
-                if found is not None:
-                    yield found, rate
-                    break
+            sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
+            pair = None if others else first
+            found = None if sigma is None else _scaled(problem, tables, rate, sigma, P, pair)
+            if found is not None:
+                yield found, rate
 
 
 def disagreeing(problem: Problem) -> tuple[str, str] | None:
@@ -229,9 +227,9 @@ def _program(tables: Mapping[str, Any], rate: float) -> list[Array]:
 
 
 def _height(M: Any, D: Array, rate: float, pair: Perron | None = None) -> tuple[Array, Array] | None:
-    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if none is seen.  ``pair``: whose w
-    will do where D is its own."""
-    if pair is not None and np.array_equal(D, pair.u / pair.w):
+    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if none is seen.  ``pair``: D is
+    its u / w, and its w will do."""
+    if pair is not None:
         rise = D * (M @ pair.w) + M.T @ pair.u - 2 * rate * pair.u
         return (pair.w, rise) if np.all(rise > 0) else None
     root = np.sqrt(D)  # N = diag(root) (X + X') diag(root), and X is scaled alike in all rows
@@ -243,26 +241,37 @@ def _height(M: Any, D: Array, rate: float, pair: Perron | None = None) -> tuple[
     return None if z is None or not np.all(rise > 0) else (z / root, rise)
 
 
+def network_claim(problem: Problem, rate: float) -> Weighted | None:
+    """Weights of the network alone (eps = 0) for a rate (1/s), common to all modes; None if none are seen."""
+    tables = {mode: _stiffness(problem, mode) for mode in problem.network.modes}
+    try:
+        sigma = (Fraction(0),) * max(1, len(problem.groups))
+        return None if any(table is None for table in tables.values()) else _scaled(problem, tables, rate, sigma, None)
+    except GIVEN_UP:
+        return None
+
+
 def _scaled(
     problem: Problem,
-    D: Array,
-    heights: Mapping[str, tuple[Array, Array] | None],
-    W: Matrix | None,
-    P: Matrix | None,
+    tables: Mapping[str, Any],
     rate: float,
+    sigma: Sequence[Fraction],
+    P: Matrix | None,
+    pair: Perron | None = None,
 ) -> Weighted | None:
-    """The claim, its weights D small enough for the observer; None where a height is missing or P proves nothing."""
-    known = {mode: found for mode, found in heights.items() if found is not None}
-    sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
-    if sigma is None or len(known) < len(heights):
-        return None
-    weight = np.array([float(x) for x in sigma])[
-        np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
-    ]
-    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-        room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in known.values())
-    scale = min(1.0, room / 2)
-    return Weighted(D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in known.items()}, P=P)
+    """The claim, its weights D small enough for the observer; of one mode perhaps those of its ``pair``."""
+    owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
+    weight = np.array([float(x) for x in sigma])[owners]
+    for D in _weights(tables, rate) if pair is None else [pair.u / pair.w]:
+        heights = {mode: _height(M, D, rate, pair) for mode, M in tables.items()}
+        known = {mode: found for mode, found in heights.items() if found is not None}
+        if len(known) < len(tables):
+            continue
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in known.values())
+        scale = min(1.0, room / 2)
+        return Weighted(D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in known.items()}, P=P)
+    return None
 
 
 def rounded(x: Array) -> Vector | Doubles:

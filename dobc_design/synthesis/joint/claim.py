@@ -50,6 +50,7 @@ class DesignRequest:
     noise: tuple[NoiseLimit, ...]
     digits: int
     reduce: bool
+    conservative: bool = False
 
     def limits(self, labels: Sequence[str]) -> Iterator[tuple[str, str]]:
         """Every limit that was set, as the name of the argument and its value in words."""
@@ -67,6 +68,8 @@ class DesignRequest:
             yield "noise", str(limit)
         if not self.reduce:
             yield "reduce", "the exosystem kept as it is"
+        if self.conservative:
+            yield "conservative", "V = e'e near the target"
 
 
 def read_design_request(
@@ -76,6 +79,7 @@ def read_design_request(
     pinning = partial(read_request, labels, rate=1 if rate is None else rate, **asked)
     found, limits, reduce = read_all(pinning, lambda: read_noise(noise), lambda: _read_reduce(reduce))
     own = {"allowed": found.allowed, "caps": found.caps, "digits": found.digits, "noise": limits, "reduce": reduce}
+    own["conservative"] = found.conservative
     pins = found.pins if isinstance(found.pins, int) else None
     return DesignRequest(rate=None if rate is None else found.rate, pins=pins, **own)
 

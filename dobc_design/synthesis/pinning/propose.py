@@ -58,6 +58,8 @@ class PinningProposer:
             known = [each for each in single if each is not None]
             if len(known) < len(single):
                 return None, self._loose(blocks, chosen)
+            if blocks.weighted:  # of several modes what each needs by itself
+                return np.max([each.gains for each in known], axis=0).tolist(), []
             if len(known) == 1:
                 return known[0].gains.tolist(), self._named(blocks, [list(known[0].duals)])
             return self._shared(blocks, chosen, known)
@@ -87,7 +89,7 @@ class PinningProposer:
         One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add, then
         exchanges of one agent for another; of many agents those that save most."""
         chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
-        if blocks.z and blocks.agents > MANY:
+        if blocks.z and blocks.agents > MANY and not blocks.weighted:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
             return None if many is None or self._cost(many, rate) == np.inf else many
@@ -223,9 +225,9 @@ class PinningProposer:
         return result
 
 
-def make_proposer(problem: Problem, request: PinningRequest) -> PinningProposer | None:
-    """The proposer of one problem and request; None if its entries are beyond the floats."""
-    blocks = pinning.network_blocks(problem)
+def make_proposer(problem: Problem, request: PinningRequest, *, weighted: bool = False) -> PinningProposer | None:
+    """The proposer of one problem and request, for V with or without weights; None beyond the floats."""
+    blocks = pinning.network_blocks(problem, weighted=weighted)
     if blocks is None:
         return None
     caps = np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)])

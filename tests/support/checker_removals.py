@@ -7,6 +7,7 @@ from checker_mutants import FILES, Removal, removals, without
 from groups_cases import groups_cases
 from quadratic_cases import quadratic_cases
 from region_cases import region_cases
+from weighted_cases import weighted_cases
 
 #: The cases to try first.
 FIRST = {
@@ -45,7 +46,9 @@ def noticed_by(removal: Removal) -> str | None:
     module = without(removal)
     first = FIRST.get(removal.file, cases)
     for case in (
-        case for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases)) for case in each()
+        case
+        for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases, weighted_cases))
+        for case in each()
     ):
         if outcome(module.examine, module.Refused, case) != case.code:
             return case.name

@@ -62,8 +62,10 @@ def confirm(check: Check, statements: Statements, W: Matrix | None) -> str | Non
     if check.domain != statements.domain or check.margin is not None:
         return f"the domain must be {statements.domain!r}, and there is no margin"
     own = linearisation_check(statements, W, estimate=0.0)
-    if (reason := differs(check, own)) is not None or check.verdict is not Verdict.PROVED or check.rate is None:
+    if (reason := differs(check, own)) is not None or check.rate is None:
         return reason
+    if check.verdict is not Verdict.PROVED:
+        return "without a proof there is no rate"
     (mode,) = statements.lambdas
     loop = linear_part(statements, mode)
     parts = None if loop is None else decaying_parts(statements, W, loop)

@@ -28,6 +28,11 @@ _SMALLEST = 2.0**-240  # a product of four numbers above keeps its digits
 _ROUNDINGS = 12  # of one term, generously; those of the sums are counted
 
 
+def id_for(problem: Problem) -> str:
+    """The id of the check: one mode, or several."""
+    return "theorem1-weighted" if len(problem.network.modes) == 1 else "theorem2-weighted"
+
+
 def why_not(statements: Statements) -> str | None:
     """Why the theorem does not apply; None if it does: gains of arcs and pins diagonal and >= 0."""
     if statements.inapplicable is not None or statements.jacobians is None:
@@ -188,6 +193,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, statements: Sta
     claim = read_claim(check, problem, W)
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "this check is proved or undecided, without a witness"
+    if check.id != id_for(problem):
+        return f"with these modes the theorem is {id_for(problem)}"
     if check.domain != statements.domain:
         return f"the domain must be {statements.domain!r}"
     if check.rate is not None and check.rate <= 0:

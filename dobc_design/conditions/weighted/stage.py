@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.consensus.claim import Statements
-from dobc_design.conditions.weighted.decide import weighted_check, why_not
+from dobc_design.conditions.weighted.decide import id_for, weighted_check, why_not
 from dobc_design.conditions.weighted.propose import disagreeing, proposals
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
@@ -19,7 +19,7 @@ def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
     apply, because other checks say so."""
     problem = statements.problem
     modes = problem.network.modes
-    id = "theorem1-weighted" if len(modes) == 1 else "theorem2-weighted"
+    id = id_for(problem)
     if why_not(statements) is not None or any(unreached(problem, [arcs]) for arcs in modes.values()):
         return []
     if (late := out_of_time()) is not None:

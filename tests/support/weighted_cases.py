@@ -61,7 +61,7 @@ def problems() -> dict[str, Problem]:
         "crossed": line(["y1 + y2", "y2"], target=[0, 0]),
         "falling": line("-y", gains={1: 1, 2: 3}),  # M = [[1, 0], [1, 2]]
         "unstable": line("-y", gains={1: 1, 2: "1/2"}),  # M = [[1, 0], [1, -1/2]]
-        "kinked": line("y + max(y - 1, 0)"),
+        "kinked": line("abs(y)", gains=1),
         "slow": line(**WATCHED | {"observer": Observer(W=[["1/2"]])}),
         "bad W": line(**WATCHED | {"observer": Observer(W=[[-1]])}),
         "harmonic": line(**HARMONIC),
@@ -138,7 +138,7 @@ def weighted_cases() -> list[Case]:
         case("a gain mixes components", "mixed", weighted(None, **mixed), FAILS),
         case("a coupling mixes components", "crossed", weighted(None, **mixed), FAILS),
         case("a falling slope", "falling", weighted(None, D=["1", "1"], w={"G": ["1", "1"]}), FAILS),
-        case("a kink", "kinked", weighted(None) | {"domain": "consensus"}, FAILS),
+        case("a kink", "kinked", weighted(D=["1", "1"], w={"G": ["1", "1"]}) | {"domain": "consensus"}, FAILS),
     ]
     found += [case(name, problem, check, code) for name, problem, check, code in (
         ("proved", "falling", straight(), HOLDS),
@@ -153,7 +153,7 @@ def weighted_cases() -> list[Case]:
         ("with the observer", "seen", straight(), HOLDS),
         ("faster than the observer", "slow", straight(), FAILS),
         ("as slow as the observer", "slow", straight(rate=0.4), HOLDS),
-        ("a kink", "kinked", straight(rate=None) | {"domain": "consensus"}, FAILS),
+        ("a kink", "kinked", straight() | {"domain": "consensus"}, FAILS),
         ("irrational slopes", "irrational", straight(), FAILS),
         ("proved, and unstable", "unstable", straight(rate=None), FAILS),
         ("refuted", "unstable", straight("refuted", None, {"unstable_roots": "1"}), HOLDS),

@@ -125,7 +125,9 @@ def _weighted_attempt(ground: Ground, plain: PinningProposer, progress: Progress
         progress("looking for the agents that a gain helps most")
         most = request.pins if isinstance(request.pins, int) else None
         sets = [tuple(sorted(map(bare.network.index.__getitem__, found.gains)))]
-        sets += filter(None, [proposer.greedy(request.allowed, structure.groups, float(request.rate), most)])
+        rate = float(request.rate)
+        greedy = proposer.greedy(request.allowed, structure.groups, rate, most)
+        sets.append(greedy or proposer.cheapest(request.allowed, most or len(request.allowed), rate))
     progress("proving the gains")
     for agents in dict.fromkeys(filter(None, sets)):
         designs += filter(None, [_with_weights(ground, proposer, plain, structure, agents)])

@@ -179,8 +179,8 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
         cheaper = other is not None and other.total < CHEAPER * present[0].total
         return _pin_fix(problem, present[0], faster=present[1:], other=other if cheaper else None)
     held_back = None
-    if problem.pinning.agents and why_not(findings.statements) is None and len(problem.network.modes) == 1:
-        apart = {agent for group in cures.groups_without_pin(problem) for agent in group}
+    apart = {agent for group in cures.groups_without_pin(problem) for agent in group}
+    if problem.pinning.agents and apart and why_not(findings.statements) is None and len(problem.network.modes) == 1:
         rows = (Fraction(row // problem.m in apart) for row in range(problem.n * problem.m))
         held_back = next(iter(problem.network.modes)), tuple(rows)
     elif problem.pinning.agents:

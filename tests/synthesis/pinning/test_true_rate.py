@@ -78,7 +78,7 @@ def test_gains_reach_the_rate_tightly_and_cost_no_more_than_for_the_plain_v(seed
 
 @pytest.mark.parametrize("seed", range(6))
 def test_at_the_optimum_every_pin_raises_the_rate_alike(seed):
-    """With a cycle M is irreducible: u_i w_i of the Perron vectors is one number on agents with a gain, less elsewhere."""
+    """With a cycle M is irreducible: u_i w_i of the Perron vectors is the same on pinned agents, and less elsewhere."""
     problem = digraph(Random(seed), 6)
     design = dd.design_pinning(problem, rate="3/10", digits=12)
     gains = by_index(design)

@@ -170,25 +170,24 @@ def _model_parts(problem: Problem) -> list[Fix]:
 def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fix | None:
     """The cheapest pins and gains that are proved to hold the network: with weights of V for one mode and rising
     couplings, else with Lambda < 0 in every mode."""
-    weighted = why_not(findings.statements) is None and len(problem.network.modes) == 1
-    present = list(_proved(problem, cures.on_present_pins(problem, weighted=weighted), weighted=weighted))
+    present = list(_proved(problem, cures.on_present_pins(problem)))
     if present:
         other = None
         if problem.n <= LARGEST_LOOK and len(problem.pinning.agents) < problem.n:
-            more = _proved(problem, cures.one_more(problem, weighted=weighted), weighted=weighted)
+            more = _proved(problem, cures.one_more(problem))
             other = next((each for each in more if not each.proposal.keeps), None)
         cheaper = other is not None and other.total < CHEAPER * present[0].total
         return _pin_fix(problem, present[0], faster=present[1:], other=other if cheaper else None)
     held_back = None
-    if problem.pinning.agents and weighted:
-        apart = {agent for group in cures.groups_without_pin(problem) for agent in group}
+    apart = {agent for group in cures.groups_without_pin(problem) for agent in group}
+    if problem.pinning.agents and apart and why_not(findings.statements) is None and len(problem.network.modes) == 1:
         rows = (Fraction(row // problem.m in apart) for row in range(problem.n * problem.m))
         held_back = next(iter(problem.network.modes)), tuple(rows)
     elif problem.pinning.agents:
         matrices = {mode: enclosed_lambda(findings.statements, mode) for mode in findings.statements.lambdas}
         held_back = unpinned_witness(problem, matrices, findings.directions)
     for search in (cures.one_more, cures.several_more):
-        proved = _proved(problem, search(problem, weighted=weighted, progress=progress), weighted=weighted)
+        proved = _proved(problem, search(problem, progress=progress))
         accepted = next(proved, None)
         if accepted is not None:
             least = accepted.proposal
@@ -200,16 +199,15 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
     return None
 
 
-def _proved(problem: Problem, proposals: Iterable[PinProposal], *, weighted: bool) -> Iterator[Accepted]:
+def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Accepted]:
     """The proposals for which Lambda < 0 is proved in every mode, or weights of V, with the rounded gains that do."""
     for proposal in proposals:
         for factor in FACTORS:
             accepted = Accepted(proposal=proposal, gains=proposal.rounded(factor=factor))
             cured = changed_problem(problem, _gain_changes(problem, accepted))
             statements = state_theorems(cured)
-            if (weighted and _held_with_weights(cured, statements, rate=proposal.rate)) or (
-                not weighted and all(is_negative(enclosed_lambda(statements, mode)) for mode in statements.lambdas)
-            ):
+            plain = all(is_negative(enclosed_lambda(statements, mode)) for mode in statements.lambdas)
+            if (plain and not proposal.rate) or _held_with_weights(cured, statements, rate=proposal.rate):
                 yield accepted
                 break
 

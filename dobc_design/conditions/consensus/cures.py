@@ -84,32 +84,35 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
         yield replace(proposal, gains=dict(enumerate(faster.tolist())), smallest=False, rate=own)
 
 
-def on_present_pins(problem: Problem, *, weighted: bool = False) -> Iterator[PinProposal]:
-    """New gains on the present pins; nothing if there are none, or no gains on them can do.  ``weighted``, here and
-    below: rates are the true ones, those of V with weights."""
-    blocks = network_blocks(problem, weighted=weighted)
+def _blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
+    """For the true rate where one mode has rising couplings, else for V = e'e."""
+    weighted = network_blocks(problem, pins=pins, weighted=True) if len(problem.network.modes) == 1 else None
+    return weighted if weighted is not None and weighted.z else network_blocks(problem, pins=pins)
+
+
+def on_present_pins(problem: Problem) -> Iterator[PinProposal]:
+    """New gains on the present pins; nothing if there are none, or no gains on them can do."""
+    blocks = _blocks(problem)
     if blocks is not None and problem.pinning.agents:
         yield from gains_on(blocks, problem.pinning.agents, PinProposal(gains={}))
 
 
-def one_more(problem: Problem, *, weighted: bool = False, progress: Progress | None = None) -> Iterator[PinProposal]:
+def one_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[PinProposal]:
     """The best agent to add: beside the present gains as they are, then with all gains chosen anew."""
-    for blocks, pins in _grounds(problem, weighted=weighted):
+    for blocks, pins in _grounds(problem):
         found = best_single(blocks, problem, pins=pins, progress=progress)
         if found:
             proposal = PinProposal(gains={}, added=found[:1], rivals=found[1:], keeps=not pins)
             yield from gains_on(blocks, (*pins, found[0]), proposal)
 
 
-def several_more(
-    problem: Problem, *, weighted: bool = False, progress: Progress | None = None
-) -> Iterator[PinProposal]:
+def several_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[PinProposal]:
     """A small set to add, likewise; last, one gain on every agent, which always does."""
-    blocks = network_blocks(problem, weighted=weighted)
+    blocks = _blocks(problem)
     if blocks is None:
         return
     added = small_set(blocks, problem, progress=progress)
-    for ground, pins in _grounds(problem, weighted=weighted):
+    for ground, pins in _grounds(problem):
         yield from gains_on(ground, (*pins, *added), PinProposal(gains={}, added=added, keeps=not pins))
     enough = 0.0  # by how much the entries off the diagonal outweigh it, in the worst row (Gershgorin)
     for table in blocks.tables:
@@ -121,12 +124,12 @@ def several_more(
     yield PinProposal(gains=dict.fromkeys(range(problem.n), gain), added=new, smallest=False)
 
 
-def _grounds(problem: Problem, *, weighted: bool) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
+def _grounds(problem: Problem) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
     """What to add to: the present gains as they are; the present pins with gains still to be chosen."""
-    kept = network_blocks(problem, pins=True, weighted=weighted)
+    kept = _blocks(problem, pins=True)
     if kept is not None:
         yield kept, ()
-    free = network_blocks(problem, weighted=weighted)
+    free = _blocks(problem)
     if free is not None and problem.pinning.agents:
         yield free, problem.pinning.agents
 

@@ -43,8 +43,9 @@ ROWS = 5000  # agents up to which factors of sparse networks stay small
 FEW_PINS = 300  # up to which a dense Schur complement is multiplied, which is quicker than a solve
 DUAL_STEPS = 1500
 NEGATIVE = 1e-10  # relative to the entries: what counts as a gain below 0 there
-DENSE_PARTS = 300  # rows of a strongly connected part up to which all its eigenvalues are computed
-NEWTON, CLOSE = 200, 1e-10  # steps towards the smallest gains of a part, and of log v where they end
+DENSE_PARTS, MANY_PINS = 200, 2000  # rows up to which all eigenvalues are computed; pins from which v is not balanced
+SHIFT = 1e-3  # of the largest entry: how far from the discs eigenvalues are looked for
+NEWTON, CLOSE = 200, 1e-10  # steps towards the smallest gains, and the relative imbalance where they end
 UNUSED = 0.1  # the part of the cost that is nobody's at the beginning, to mode 1's
 # What the gains are raised by, relatively, until all matrices are definite.
 RISES = (0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
@@ -157,7 +158,7 @@ def valid_gains(blocks: Blocks, chosen: Any, weights: Array) -> Array | None:
 def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Optimum | None:
     """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do.  Source: theory,
     sections 7 and 10; with caps the multiplier of a cap is v_i^2 - c_i."""
-    return _with_caps(_uncapped if is_symmetric(table) else _uncapped_parts, [table], chosen, weights, caps)
+    return _with_caps(_uncapped, [table if is_symmetric(table) else within_parts(table)], chosen, weights, caps)
 
 
 def is_symmetric(table: Any) -> bool:
@@ -185,13 +186,13 @@ def _with_caps(
 
 
 def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Optimum | None:
-    """v_i = sqrt(c_i) on the chosen agents, (S v)_i = 0 on the others, k_i = -(S v)_i / (2 v_i).  An agent whose
-    gain would be negative is set free, and v solved again."""
+    """v on the chosen agents, of symmetric S sqrt(c_i), (S v)_i = 0 on the others, k_i = -(S v)_i / (2 v_i).  An agent
+    whose gain would be negative is set free, and v solved again."""
     (table,), active = tables, np.array(chosen, dtype=bool)
-    v = np.where(active, np.sqrt(weights), 0.0)
-    size = float(np.max(np.abs(table.data), initial=0.0))
+    v, size = np.zeros(len(weights)), float(np.max(np.abs(table.data), initial=0.0))
     for _ in range(int(active.sum()) + 1):
         free = np.flatnonzero(~active)
+        v[active] = _on_pins(table, active, weights, size=size)
         if len(free):
             held = np.flatnonzero(active)
             rows = table[free]
@@ -201,73 +202,48 @@ def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Optimum | N
             v[free] = np.maximum(solution, 0.0)
         flow = table @ v
         gains = np.where(active, -flow / (2 * np.where(active, v, 1.0)), 0.0)
-        negative = active & (gains < -1e-13 * size)
+        negative = active & (gains < -NEGATIVE * size)
         if not np.any(negative):
             return Optimum(gains=np.maximum(gains, 0.0), duals=(v,))
         active &= ~negative
     return None
 
 
-def _uncapped_parts(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimum | None:
-    """The same where S is not symmetric, in each strongly connected part by itself: v such that the sum of the gains
-    is least, (S v)_i = 0 on agents without one."""
-    (table,), gains, v = tables, np.zeros(len(costs)), np.ones(len(costs))
-    for part in strong_parts(table):
-        block = sparse.csr_array(table[part][:, part])
-        active = np.array(chosen[part], dtype=bool)
-        while True:
-            found = _part(block, active, costs[part])
-            if found is None:
-                return None
-            negative = active & (found.gains < -NEGATIVE * float(np.max(np.abs(block.data), initial=0.0)))
-            if not np.any(negative):
-                break
-            active &= ~negative
-        gains[part], v[part] = np.maximum(found.gains, 0.0), found.duals[0]
-    return Optimum(gains=gains, duals=(v,))
+def within_parts(table: Any) -> Any:
+    """The entries within strongly connected parts of the pattern, which alone have the eigenvalues."""
+    owner, entries = csgraph.connected_components(table, connection="strong")[1], sparse.coo_array(table)
+    kept = owner[entries.row] == owner[entries.col]
+    places = entries.row[kept], entries.col[kept]
+    return sparse.csr_array((entries.data[kept], places), shape=table.shape)
 
 
-def strong_parts(table: Any) -> list[Any]:
-    """The rows of every strongly connected part of the pattern."""
-    count, owner = csgraph.connected_components(table, connection="strong")
-    order = np.argsort(owner, kind="stable")
-    return np.split(order, np.cumsum(np.bincount(owner, minlength=count))[:-1])
-
-
-def _part(block: Any, active: Any, costs: Array) -> Optimum | None:
-    """Gains, of any sign, on the ``active`` agents of one part; None if the others have an eigenvalue <= 0."""
+def _on_pins(table: Any, active: Any, weights: Array, *, size: float) -> Array:
+    """v on the ``active`` agents for which, with (S v)_i = 0 on the others, the sum of the gains is least."""
     pins, others = np.flatnonzero(active), np.flatnonzero(~active)
-    v, follow = np.ones(len(costs)), np.zeros((len(others), len(pins)))
-    flows = block[pins][:, pins].toarray()
-    if len(others):
-        inner, size = block[others][:, others], float(np.max(np.abs(block.data), initial=0.0))
-        if _solve(inner, np.ones(len(others)), size=size) is None:
-            return None
-        if len(pins):
-            follow = -factorised(inner)(block[others][:, pins].toarray()).reshape(follow.shape)
-            flows = flows + block[pins][:, others] @ follow
-    v[pins] = _balance(-flows * costs[pins][:, None])
-    v[others] = follow @ v[pins]
-    gains = np.zeros(len(costs))
-    gains[pins] = -(flows @ v[pins]) / (2 * v[pins])
-    return Optimum(gains=gains, duals=(v,))
+    if len(pins) > MANY_PINS or is_symmetric(table):
+        return np.sqrt(weights[pins])
+    flows = table[pins][:, pins].toarray()
+    if len(others) and len(pins):
+        if _solve(table[others][:, others], np.ones(len(others)), size=size) is None:
+            return np.sqrt(weights[pins])
+        across = table[others][:, pins].toarray()
+        flows -= table[pins][:, others] @ factorised(table[others][:, others])(across).reshape(across.shape)
+    return _balance(-flows * weights[pins][:, None])
 
 
 def _balance(flows: Array) -> Array:
     """v > 0 with the least sum of flows_ij v_j / v_i, entries >= 0 off the diagonal: row sums equal column sums."""
     logs = np.zeros(len(flows))
-    for _ in range(NEWTON if len(flows) > 1 else 0):
+    for _ in range(NEWTON):
         moved = flows * np.exp(logs[None, :] - logs[:, None])
         np.fill_diagonal(moved, 0.0)
         out, back = moved.sum(axis=1), moved.sum(axis=0)
-        hessian = np.diag(out + back) - moved - moved.T
-        hessian += np.diag(np.full(len(flows), 1e-14 * float(np.max(out + back))))
-        step = np.linalg.solve(hessian, out - back)
-        step -= np.mean(step)
-        size = float(np.max(np.abs(step)))
-        logs += step / max(1.0, size)
-        if size < CLOSE:
+        if np.all(np.abs(out - back) <= CLOSE * (out + back)):
             break
+        # The Hessian, a little more on its diagonal: a constant in each part changes nothing.
+        whole = np.diag(np.where(out + back > 0, (out + back) * (1 + CLOSE), 1.0)) - moved - moved.T
+        step = np.linalg.solve(whole, out - back)
+        logs += step / max(1.0, float(np.max(np.abs(step))))
     return np.asarray(np.exp(logs))
 
 
@@ -336,26 +312,18 @@ def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
 
 
 def _lowest_of_parts(block: Any) -> tuple[float, Array]:
-    """Of the slowest strongly connected part of a Z-matrix the eigenvalue and u_i w_i of its left and right vectors."""
-    best, weights = float("inf"), np.zeros(block.shape[0])
-    for part in strong_parts(block):
-        inner = sparse.csc_array(block[part][:, part])
-        radii = abs(inner).sum(axis=1) - inner.diagonal()  # its eigenvalues lie to the right of all discs
-        shift = float(np.min(inner.diagonal() - radii)) - 1e-3 * float(np.max(np.abs(inner.diagonal())))
-        if shift >= best:
-            continue
-        if len(part) <= DENSE_PARTS:
-            values, left, right = linalg.eig(inner.toarray(), left=True)
-            place = int(np.argmin(values.real))
-            value, u, w = float(values[place].real), left[:, place], right[:, place]
-        else:
-            start = np.ones(len(part))
-            (found,), w = eigs(inner, 1, sigma=shift, v0=start)
-            value, u, w = float(found.real), eigs(inner.T, 1, sigma=shift, v0=start)[1][:, 0], w[:, 0]
-        if value < best:
-            best, weights = value, np.zeros(block.shape[0])
-            weights[part] = np.abs(u * w) / np.max(np.abs(u * w))
-    return best, weights
+    """The same for a Z-matrix without symmetry: the eigenvalue and u_i w_i of its left and right eigenvectors."""
+    inner = sparse.csc_array(within_parts(block))
+    if inner.shape[0] <= DENSE_PARTS:
+        values, left, right = linalg.eig(inner.toarray(), left=True)
+        place = int(np.argmin(values.real))
+        value, u, w = values[place], left[:, place], right[:, place]
+    else:  # the eigenvalues lie to the right of all discs
+        ends, start = 2 * inner.diagonal() - abs(inner).sum(axis=1), np.ones(inner.shape[0])
+        shift = float(np.min(ends)) - SHIFT * float(np.max(np.abs(inner.diagonal())))
+        (value,), right = eigs(inner, 1, sigma=shift, v0=start)
+        u, w = eigs(inner.T, 1, sigma=shift, v0=start)[1][:, 0], right[:, 0]
+    return float(value.real), np.abs(u * w)
 
 
 def slowest_on(blocks: Blocks, agents: Array) -> Array:

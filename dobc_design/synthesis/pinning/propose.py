@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import combinations, product
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, times agents; agents above which: none
+MOST_SETS = 3000  # sets of agents that are compared one by one
 MANY = 200  # agents from which on greedy steps are quick ones
 NEARLY_ZERO = 1e-9
 CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
@@ -103,6 +105,13 @@ class PinningProposer:
             costs = {agent: self._cost([*chosen, agent], rate) for agent in tried}
             chosen.append(min(costs, key=lambda agent: (costs[agent], agent)))
         return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
+
+    def cheapest(self, allowed: Sequence[int], pins: int, rate: float) -> tuple[int, ...]:
+        """The cheapest of all sets of so many agents, where these are few; () if none is found."""
+        count = comb(len(allowed), pins)
+        costs = {each: self._cost(each, rate) for each in combinations(allowed, pins)} if count <= MOST_SETS else {}
+        best = min(costs, key=lambda each: (costs[each], each), default=())
+        return best if costs.get(best, np.inf) < np.inf else ()
 
     def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""

@@ -64,7 +64,8 @@ SUPPORT = 1e-7  # gains below this part of the largest pin nobody
 MOST_CAPS = 1e6  # times the caps that were asked for
 BOX_TILTS = (Fraction(1, 10**7), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))  # rates faster than asked
 WEIGHTED_TILTS = (Fraction(1, 10**6), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))
-MIXED, MORE = 8, 4  # steps between what every mode needs by itself and gains for V = e'e, or so many times as much
+MIXED = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)  # ways from what every mode needs by itself to gains for V = e'e,
+MORE = 4  # or to so many times as much
 SLOWER = 6  # halvings of the rate that are tried for the nearest request
 SMALLEST = Fraction(1, 10**9)  # radius of a box
 
@@ -125,7 +126,9 @@ def _weighted_attempt(ground: Ground, plain: PinningProposer, progress: Progress
         progress("looking for the agents that a gain helps most")
         most = request.pins if isinstance(request.pins, int) else None
         sets = [tuple(sorted(map(bare.network.index.__getitem__, found.gains)))]
-        sets += filter(None, [proposer.greedy(request.allowed, structure.groups, float(request.rate), most)])
+        rate = float(request.rate)
+        greedy = proposer.greedy(request.allowed, structure.groups, rate, most)
+        sets.append(greedy or proposer.cheapest(request.allowed, most or len(request.allowed), rate))
     progress("proving the gains")
     for agents in dict.fromkeys(filter(None, sets)):
         designs += filter(None, [_with_weights(ground, proposer, plain, structure, agents)])
@@ -157,7 +160,7 @@ def _with_weights(
     """The smallest gains found on these agents for which weights of V are proved; None if none are.  What every mode
     needs by itself does for one; several need weights in common, for which V = e'e is the last resort."""
     request, labels, rate = ground.request, ground.problem.network.labels, number_text(ground.request.rate)
-    caps, several = request.caps, len(ground.lambdas) > 1
+    several = len(ground.lambdas) > 1
 
     def proved_with(gains: Gains) -> PinningDesign | None:
         named = {labels[i]: k for i, k in gains.items()}
@@ -178,17 +181,11 @@ def _with_weights(
             continue
         most = (plain.relax(agents, speed)[0] if several else None) or [MORE * k for k in least]
 
-        def between(part: float, least: list[float] = least, most: list[float] = most) -> PinningDesign | None:
+        for part in MIXED if several else MIXED[:1]:
             mixed = {i: least[i] + part * (most[i] - least[i]) for i in agents}
-            return proved_with(typed_gains(mixed, digits=request.digits, caps=caps))
-
-        found, low, high = between(0.0), 0.0, 1.0
-        for _ in range(MIXED if several and found is None else 0):
-            middle = (low + high) / 2
-            design = between(middle)
-            low, high, found = (middle, high, found) if design is None else (low, middle, design)
-        if found is not None:
-            return found
+            found = proved_with(typed_gains(mixed, digits=request.digits, caps=request.caps))
+            if found is not None:
+                return found
     return None
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from .consensus import closed
 from .files import Certificate, Problem
 from .intervals import enclosed
-from .matrices import identity, integers, plus, product, transpose
+from .matrices import ZERO, identity, integers, plus, product, transpose
 from .reading import an_object, index, matrix, maybe, need, rational, read, weights
 from .separable import Curve, Row, composite, curved_row, holds_box, linear_row, starts, tables
 
@@ -35,7 +35,7 @@ def accuracy(case: Certificate, check: Any) -> None:
     if p.q and curved:
         shape |= {"P": matrix(p.q, p.q), **dict.fromkeys(("beta", "kappa", "size"), rational)}
     exact = read(check.exact, shape)
-    peaks = exact.peaks if p.q else SimpleNamespace(disturbance=0, drift=0, measurement=0)
+    peaks = exact.peaks if p.q else SimpleNamespace(**dict.fromkeys(names, ZERO))
     for group in p.groups:
         need_peaks(case, group, peaks)
 
@@ -73,12 +73,13 @@ def shrinks(p: Problem, stage: Any, peaks: Any) -> None:
     for i, heard in agents:
         load = everywhere + noise / 2 * max((sum(map(abs, row)) for row in p.gains.get(i, [])), default=0)
         for arc in heard if noise else ():
-            slopes = arc.coupling.slope(0, 0)
+            steepest = max(map(abs, arc.coupling.slope(0, 0)))
             if stage.rho is not None:
                 reach = enclosed(stage.rho * Fraction(v[i] + v[arc.j], bottom) + noise)[1]
-                slopes = Curve(arc.coupling, False).at((-reach, reach))[1]
-                need(all(map(math.isfinite, slopes)), "a slope is not bounded")
-            load += noise * (1 + peaks.disturbance) * arc.w * max(map(abs, map(Fraction, slopes)))
+                found = max(map(abs, Curve(arc.coupling, False).at((-reach, reach))[1]))
+                need(math.isfinite(found), "a slope is not bounded")
+                steepest = Fraction(found)
+            load += noise * (1 + peaks.disturbance) * arc.w * steepest
         terms = tuple((arc.coupling, arc.w, v[arc.j]) for arc in heard)
         row = Row(v[i], (p.least_gain(i) - stage.alpha) * v[i], terms)
         if stage.rho is None:
@@ -108,22 +109,24 @@ def need_peaks(case: Certificate, group: Any, peaks: Any) -> None:
         power = [[x * h / terms for x in row] for row in product(power, F)]
         step, rest = plus(step, 1, power), rest * size * h / terms
     grown = 1 / (1 - size * h)  # not below exp(size h)
-    phi = [[round(x * 2**bits) for x in row] for row in step]
+    phi: Any = [[round(x * 2**bits) for x in row] for row in step]
     off = math.ceil(rest * 2**bits * grown) + 1  # of an entry of phi, in units of 2^-bits
     blocks = [identity(q), W, product(F, W)]
-    Z = transpose([[round(x * 2**bits) for x in column] for block in blocks for column in transpose(block)])
+    Z: list[list[int]] = transpose(
+        [[round(x * 2**bits) for x in column] for block in blocks for column in transpose(block)]
+    )
     error, largest = 1, norm(Z)  # of an entry of Z
     cuts = [range(q), range(q, q + p.m), range(q + p.m, q + 2 * p.m)]
-    totals, masses, tail = [[Fraction(0)] * 3 for _ in C], [Fraction(0)] * 3, [Fraction(0)] * 3
+    totals, masses, tail = [[ZERO] * 3 for _ in C], [ZERO] * 3, [ZERO] * 3
     (top, unit) = integers([x for row in C for x in row])
     rows, weight = [top[i * q : (i + 1) * q] for i in range(p.m)], norm(C)
     for number in range(peaks.steps + 1):
-        columns, share = transpose(Z), Fraction(1, 2) if number in (0, peaks.steps) else Fraction(1)
+        columns, share = transpose(Z), Fraction(1, 1 + (number in (0, peaks.steps)))
         for total, row in zip(totals, rows, strict=True):
             values = [abs(sum(map(mul, row, column))) for column in columns]
             for block, cut in enumerate(cuts):
                 total[block] += share * (Fraction(sum(values[j] for j in cut), unit) + len(cut) * weight * error)
-        tail = [max(sum(abs(row[j]) for j in cut) for row in Z) + len(cut) * error for cut in cuts]
+        tail = [Fraction(max(sum(abs(row[j]) for j in cut) for row in Z) + len(cut) * error) for cut in cuts]
         if number < peaks.steps:
             masses = [x + y for x, y in zip(masses, tail, strict=True)]
             largest = max(abs(x) for row in Z for x in row)

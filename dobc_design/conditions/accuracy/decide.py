@@ -84,7 +84,7 @@ def loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Iterator[tuple
 
     @cache
     def steepest(coupling: int, reach: Fraction) -> Fraction:
-        Y = ZERO if stage.rho is None else Interval(-1, 1) * (stage.rho * reach + 2 * nubar)
+        Y = ZERO if stage.rho is None else Interval(Fraction(-1), Fraction(1)) * (stage.rho * reach + 2 * nubar)
         return jet(curves[coupling].curve, Y).slope.magnitude
 
     for mode in problem.network.modes:

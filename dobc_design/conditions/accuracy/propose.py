@@ -26,17 +26,11 @@ from dobc_design.solvers.program import Array
 
 DECAYED: Final = 12.0  # exponents of the slowest mode that the steps follow
 FINEST, COARSEST = 0.006, 0.3  # of |F| h
-SPREADS: Final = (
-    1.0,
-    3.0,
-    10.0,
-    30.0,
-    100.0,
-    300.0,
-)  # how much more than b_i v is made for, where it has to reach far out
+#: How much more than b_i v is made for, where it has to reach further out.
+SPREADS: Final = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
 ABOVE: Final = Fraction(1, 50_000)  # of a level, left to two programs that round apart
 MORE: Final = Fraction(1, 10**6)  # the same, of a peak gain
-WORTH: Final = Fraction(99, 100)  # what a stage has to leave of the largest bound, or less
+WORTH: Final = Fraction(998, 1000)  # what a stage has to leave of the largest bound, or less
 HALVINGS: Final = 10
 DEEPEST, HIGHEST = 1e-4, 0.98  # parts of rho between which the lowest level is looked for
 SLOW: Final = Fraction(1, 10**7)  # the rate of a stage, as a part of b_i/(level v_i)
@@ -58,8 +52,8 @@ def propose_peaks(problem: Problem, W: Matrix) -> Peaks | None:
     found = observer_peaks(problem, W, step=rounded_up(Fraction(h), digits=3), steps=steps)
     if found is None:
         return None
-    above = {name: rounded_up(getattr(found, name) * (1 + MORE), digits=7) for name in INPUTS}
-    return replace(found, **above)
+    disturbance, drift, measurement = (rounded_up(getattr(found, x) * (1 + MORE), digits=7) for x in INPUTS)
+    return replace(found, disturbance=disturbance, drift=drift, measurement=measurement)
 
 
 def propose_stages(problem: Problem, peaks: Peaks | None, outer: Level) -> Iterator[Level]:
@@ -75,6 +69,15 @@ def propose_stages(problem: Problem, peaks: Peaks | None, outer: Level) -> Itera
         yield last
         if last.rho is None:
             return
+
+
+def near_target(problem: Problem, peaks: Peaks | None) -> Iterator[Level]:
+    """Boxes |e_i| <= v_i around the target that shrink, larger ones first: v as the rows near the target want it."""
+    tiny = Level(v=(Fraction(1),) * problem.n, alpha=SLOW, level=SLOW, rho=Fraction(1, 1000))
+    for v in reversed(list(_vectors(problem, peaks, tiny, SPREADS))):
+        level = None if v is None else _lowest(problem, peaks, replace(tiny, v=v, rho=Fraction(1)))
+        if level is not None:
+            yield level
 
 
 def _inside(problem: Problem, peaks: Peaks | None, before: Level) -> Iterator[Level]:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
+from itertools import chain
 
 from dobc_design.conditions.accuracy.claim import MOST_STAGES, Accuracy, Level, Peaks
 from dobc_design.conditions.accuracy.decide import ID, accuracy_check, obstacle
-from dobc_design.conditions.accuracy.propose import propose_peaks, propose_stages
+from dobc_design.conditions.accuracy.propose import near_target, propose_peaks, propose_stages
 from dobc_design.conditions.check import Check, Domain, limited, starts_in, undecided_check
 from dobc_design.conditions.coverage import Progress, read_region
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_up
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import ErrorBound, Separable
+from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import largest_claim
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import root_above
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -24,6 +28,7 @@ logger = logging.getLogger("dobc_design")
 #: Parts of the box that are tried one after the other: noise passes through a coupling that is steep far out.
 PARTS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 10), Fraction(1, 30), Fraction(1, 100))
 DIGITS = 6  # of a bound, rounded up
+NEARLY = Fraction(100_001, 100_000)  # kappa beta min v, which has to exceed 1
 
 
 def accuracy_stage(
@@ -61,34 +66,49 @@ def _claims(
     """Proved checks, for the largest box of starts first."""
     if domain == "global":
         one = Level(v=(Fraction(1),) * problem.n, alpha=Fraction(1), level=Fraction(1), rho=None)
-        yield from _proved(
-            problem, W, Accuracy(stages=_stages(problem, peaks, one), bounds={}, peaks=peaks), domain, domain
-        )
+        yield from _proved(problem, W, Accuracy(stages=_stages(problem, peaks, one), bounds={}, peaks=peaks), domain)
         return
-    claim, starts = _outer(problem, W, checks, domain)
-    if claim is None or claim.rho is None:
-        return
-    for part in PARTS:
-        outer = Level(v=claim.v, alpha=claim.alpha, level=claim.rho, rho=claim.rho * part)
-        stages = _stages(problem, peaks, outer)
-        radius, disturbance = (decimal_below(claimed(x) * part) if x else 0.0 for x in starts)
-        box = starts_in("box", radius, disturbance)
-        yield from _proved(problem, W, Accuracy(stages=stages, bounds={}, peaks=peaks, error=claim.error), box, domain)
+    known, starts = _outer(problem, W, checks, domain)
+    error = None if known is None else known.error
+    boxes: list[tuple[Level, ErrorBound | None, Domain]] = []
+    if known is not None and known.rho is not None:
+        for part in PARTS:
+            radius, disturbance = (decimal_below(x * part) if x else 0.0 for x in starts)
+            outer = Level(v=known.v, alpha=known.alpha, level=known.rho, rho=known.rho * part)
+            boxes.append((outer, error, starts_in("box", radius, disturbance)))
+    exosystem = problem.joint_exosystem
+    if exosystem is not None and W is not None and error is None:
+        error = propose_error_bound(exosystem, W)
+    near = () if exosystem is not None and error is None else near_target(problem, peaks)
+    for outer, bound, box in chain(boxes, (_near_box(each, error, starts[1]) for each in near)):
+        claim = Accuracy(stages=_stages(problem, peaks, outer), bounds={}, peaks=peaks, error=bound)
+        yield from _proved(problem, W, claim, box, domain)
+
+
+def _near_box(outer: Level, error: ErrorBound | None, disturbance: Fraction) -> tuple[Level, ErrorBound | None, Domain]:
+    """A stage |e_i| <= v_i with starts in it: half of what its level leaves is for the errors of the estimates."""
+    smallest, room = min(outer.v), (1 - outer.level) / 2
+    if error is None:
+        return outer, None, starts_in("box", decimal_below(smallest), 0.0)
+    kappa = rounded_up(1 / (error.beta * smallest) * NEARLY, digits=9)
+    most = min(disturbance, room / (kappa * root_above(error.size, unit=10**9)))
+    box = starts_in("box", decimal_below(smallest * (1 - room)), decimal_below(most) if most else 0.0)
+    return outer, replace(error, kappa=kappa), box
 
 
 def _outer(
     problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str
-) -> tuple[Separable | None, tuple[float, float]]:
+) -> tuple[Separable | None, tuple[Fraction, Fraction]]:
     """A box that shrinks without the inputs, and its starts: that of ``checks``, else the largest one that is found."""
     known = next((check for check in checks if check.id == "max-separable"), None)
     if known is not None and isinstance(known.claim, Separable) and isinstance(known.domain, Mapping):
-        return known.claim, (known.domain["radius"], known.domain["disturbance"])
-    if known is not None:
-        return None, (0.0, 0.0)
+        return known.claim, (claimed(known.domain["radius"]), claimed(known.domain["disturbance"]))
     asked = read_region(problem, W, domain=domain, everything=True)
-    with at_most(STAGE):
-        claim, radius = largest_claim(asked)
-    return claim, (radius, asked.disturbance)
+    claim, radius = None, 0.0
+    if known is None:
+        with at_most(STAGE):
+            claim, radius = largest_claim(asked)
+    return claim, (claimed(radius), claimed(asked.disturbance))
 
 
 def _stages(problem: Problem, peaks: Peaks | None, outer: Level) -> tuple[Level, ...]:
@@ -105,13 +125,14 @@ def _stages(problem: Problem, peaks: Peaks | None, outer: Level) -> tuple[Level,
     return tuple(stages)
 
 
-def _proved(problem: Problem, W: Matrix | None, claim: Accuracy, starts: Domain, domain: str) -> Iterator[Check]:
+def _proved(
+    problem: Problem, W: Matrix | None, claim: Accuracy, starts: Domain, local: str = "global"
+) -> Iterator[Check]:
     """The check of a claim with its bounds, if it is proved."""
-    if not claim.stages:
-        return
-    last = claim.stages[-1]
-    bounds = {x: rounded_up(last.level * v, digits=DIGITS) for x, v in zip(problem.network.labels, last.v, strict=True)}
-    whole = Accuracy(stages=claim.stages, bounds=bounds, peaks=claim.peaks, error=claim.error)
-    check = limited(ID, domain, lambda: accuracy_check(problem, W, whole, domain=starts, local=domain))
-    if check.verdict is Verdict.PROVED:
-        yield check
+    if claim.stages:
+        last, labels = claim.stages[-1], problem.network.labels
+        bounds = {x: rounded_up(last.level * v, digits=DIGITS) for x, v in zip(labels, last.v, strict=True)}
+        whole = replace(claim, bounds=bounds)
+        check = limited(ID, local, lambda: accuracy_check(problem, W, whole, domain=starts, local=local))
+        if check.verdict is Verdict.PROVED:
+            yield check

@@ -112,9 +112,7 @@ def need_peaks(case: Certificate, group: Any, peaks: Any) -> None:
     phi: Any = [[round(x * 2**bits) for x in row] for row in step]
     off = math.ceil(rest * 2**bits * grown) + 1  # of an entry of phi, in units of 2^-bits
     blocks = [identity(q), W, product(F, W)]
-    Z: list[list[int]] = transpose(
-        [[round(x * 2**bits) for x in column] for block in blocks for column in transpose(block)]
-    )
+    Z: Any = transpose([[round(x * 2**bits) for x in column] for block in blocks for column in transpose(block)])
     error, largest = 1, norm(Z)  # of an entry of Z
     cuts = [range(q), range(q, q + p.m), range(q + p.m, q + 2 * p.m)]
     totals, masses, tail = [[ZERO] * 3 for _ in C], [ZERO] * 3, [ZERO] * 3
@@ -135,8 +133,8 @@ def need_peaks(case: Certificate, group: Any, peaks: Any) -> None:
     left = [Fraction(x) / 2**bits for x in tail]
     need(left[0] < 1, "the peak gains are not shown to be finite")
     bend = h**3 / 12 * grown
-    for row, total in zip(product(C, product(F, F)), totals, strict=True):
-        sums = [(h * x + bend * sum(map(abs, row)) * y) / 2**bits for x, y in zip(total, masses, strict=True)]
+    for curved, total in zip(product(C, product(F, F)), totals, strict=True):
+        sums = [(h * x + bend * sum(map(abs, curved)) * y) / 2**bits for x, y in zip(total, masses, strict=True)]
         drift, disturbance, noise = [x + sums[0] / (1 - left[0]) * y for x, y in zip(sums, left, strict=True)]
         need(drift <= peaks.drift and disturbance <= peaks.disturbance, "the peak gains are not shown")
         need(noise + norm(product(C, W)) <= peaks.measurement, "the peak gain of noise is not shown")

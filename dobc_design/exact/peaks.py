@@ -41,7 +41,6 @@ def peak_gains(
         return None
     blocks = [exact.identity(size), *inputs]
     ends = [sum(len(B[0]) for B in blocks[:k]) for k in range(len(blocks) + 1)]
-    joined = [[arb(to_fmpq(x)) for B in blocks for x in B[i]] for i in range(size)]
 
     def sums(rows: Any) -> list[list[Any]]:
         """Sums of absolute values, by row and block."""
@@ -51,7 +50,7 @@ def peak_gains(
     with _LOCK, ctx.workprec(192 + 2 * int(growth)):
         h, G = arb(to_fmpq(step)), arb_mat([[arb(to_fmpq(x)) for x in row] for row in C])
         phi = arb_mat([[arb(to_fmpq(x * step)) for x in row] for row in F]).exp()
-        Z = arb_mat(joined)
+        Z = arb_mat([[arb(to_fmpq(x)) for B in blocks for x in B[i]] for i in range(size)])
         total, mass = [[arb(0)] * len(blocks) for _ in C], [arb(0)] * len(blocks)
         for k in range(steps + 1):
             share = h / 2 if k in (0, steps) else h

@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import Final
 
 from dobc_design._show.text import visible
+from dobc_design.conditions.accuracy import claim as accuracy
 from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.consensus import claim as consensus
@@ -64,6 +65,7 @@ READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]
     "boxes": boxes.read_claim,
     "schedule": schedule.read_claim,
     "equilibrium": equilibrium.read_claim,
+    "accuracy": accuracy.read_claim,
 }
 
 

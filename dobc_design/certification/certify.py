@@ -21,6 +21,7 @@ from dobc_design.certificate.text import writable
 from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import Recheck, agreed, verify_twice
+from dobc_design.conditions.accuracy.stage import accuracy_stage
 from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
@@ -103,6 +104,7 @@ def certify(
         checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
         if tolerance is not None or (everything and problem.region is not None):
             checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
+        checks += tuple(accuracy_stage(problem, W, checks, domain=domain, report=report))
         checks += tuple(other_equilibria(problem, W, checks, report=report))
         checks = tuple(writable(check, domain) for check in checks)
         overall = decide_overall(problem, checks, W)

@@ -14,6 +14,7 @@ from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.overall import decide_overall
 from dobc_design.checker import examine as checker
+from dobc_design.conditions.accuracy import decide as accuracy
 from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, same_witness, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
@@ -41,6 +42,7 @@ REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
     "boxes": boxes.confirm,
     "schedule": schedule.confirm,
     "equilibrium": equilibrium.confirm,
+    "accuracy": accuracy.confirm,
 }
 #: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in its findings.
 PROMPT_ARCS: Final = 2000

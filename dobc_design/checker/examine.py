@@ -5,6 +5,7 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
+from .accuracy import accuracy
 from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
 from .files import Certificate, Problem
 from .matrices import product, stable
@@ -25,6 +26,7 @@ REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
     "lure": lure,
     "exhaustive": exhaustive,
     "settling": settling,
+    "accuracy": accuracy,
 }
 
 

@@ -146,9 +146,9 @@ def below(a: float, b: float, at: Callable[[float], float], slope: Floats) -> bo
     return total([*lines, times(times((-low, -low), (high, high)), added((b, b), (-a, -a)))])[1] <= 0  # where they meet
 
 
-def throughout(rho: float, settled: Callable[[float, float], bool]) -> bool:
-    """Cut (0, rho] until every piece is settled."""
-    left, done = [(0.0, rho)], 0
+def throughout(rho: float, settled: Callable[[float, float], bool], start: float = 0.0) -> bool:
+    """Cut (0, rho], or [start, rho], until every piece is settled."""
+    left, done = [(start, rho)], 0
     while left:
         a, b = left.pop()
         middle, done = (a + b) / 2, done + 1
@@ -277,17 +277,19 @@ def tables(claim: Any, arcs: Iterable[tuple[Coupling, int, int]], bottom: int, w
     return curves
 
 
-def linear_row(row: Row) -> bool:
-    """True if a row of linear couplings holds: its two faces are the same, and s does not matter."""
+def linear_row(row: Row, load: Fraction = ZERO) -> bool:
+    """True if a row of linear couplings holds, with a load added: its two faces are the same, and s does not matter."""
     ends = [(h.slope(0, 0), w, (top - row.own, -top - row.own)) for h, w, top in row.terms]
     suprema = (w * max(g * y for g in slopes for y in sides) for slopes, w, sides in ends)
-    return all(h.straight for h, _, _ in row.terms) and sum(suprema, ZERO) <= row.c
+    return all(h.straight for h, _, _ in row.terms) and sum(suprema, load) <= row.c
 
 
-def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, mirrored: bool) -> bool:
-    """One face of a row, on pieces of (0, rho]."""
-    unit = max(Fraction(2**400), abs(row.c) / bottom, *(w for _, w, _ in row.terms)) / 2**400  # for huge ones
-    c = enclosed(row.c / bottom / unit)
+def curved_row(
+    row: Row, bottom: int, rho: Fraction, curves: Curves, mirrored: bool, start: Fraction = ZERO, load: Fraction = ZERO
+) -> bool:
+    """One face of a row, with a load added, on pieces of (0, rho], or of [start, rho]."""
+    unit = max(Fraction(2**400), abs(row.c) / bottom, load, *(w for _, w, _ in row.terms)) / 2**400  # for huge ones
+    c, added_load = enclosed(row.c / bottom / unit), enclosed(load / unit)
     sides = {x: enclosed(Fraction(x, bottom)) for _, _, v in row.terms for x in (v + row.own, v - row.own)}
     terms = [(curves[h, mirrored], enclosed(w / unit), sides[v + row.own], sides[v - row.own]) for h, w, v in row.terms]
 
@@ -295,11 +297,11 @@ def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, mirrored: b
         bounds = [(w, supremum(curve, p, q, a, b)) for curve, w, p, q in terms]
 
         def at(s: float) -> float:
-            return total([*(times(w, (bound.at(s),) * 2) for w, bound in bounds), times((-s, -s), c)])[1]
+            return total([*(times(w, (bound.at(s),) * 2) for w, bound in bounds), times((-s, -s), c), added_load])[1]
 
         return below(a, b, at, total([*(times(w, bound.slope) for w, bound in bounds), negative(c)]))
 
-    return throughout(enclosed(rho)[1], settled)
+    return throughout(enclosed(rho)[1], settled, enclosed(start)[0])
 
 
 # --- delay and sampling -----------------------------------------------------------------------------------------------

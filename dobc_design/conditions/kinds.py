@@ -14,7 +14,8 @@ from dobc_design._show.cards import Card, Shown
 #: What a proof is worth.  "part": a fact of the network or of the exosystem alone, the same for every coupling.
 #: "paper": Lemma 1 and the theorems.  "given": a theorem with the P of the problem file.  "region": for a set of
 #: starts.  "timing": carries a region over to late or held messages.  "rest": refutes a region.  "settling": a time.
-Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling"]
+#: "plant": what the model leaves out, bounded.
+Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling", "plant"]
 
 #: By topic: the modules that decide a check, and the file of the second program.
 _DECIDED_IN: Final = {
@@ -27,6 +28,7 @@ _DECIDED_IN: Final = {
     "boxes": ("conditions/boxes/decide.py",),
     "equilibrium": ("conditions/equilibrium/decide.py",),
     "schedule": ("conditions/schedule/decide.py",),
+    "accuracy": ("conditions/accuracy/decide.py", "exact/peaks.py"),
 }
 #: The file of the second program for a topic, where it is not one of the same name.
 _CHECKERS: Final = {
@@ -335,6 +337,23 @@ _ROWS: Final = (
         " error: from every start in the box |e| stays below the tolerance from that time on.",
         refuted="Never: that no stages are found does not exclude a shorter time.",
         source="Theory, Settling times.",
+    ),
+    Kind(
+        id="accuracy",
+        topic="accuracy",
+        role="plant",
+        name="Final accuracy",
+        decides="how far from the target the agents may end under the disturbance, drift and measurement noise of"
+        " [uncertainty]",
+        title="Final bounds of the error, agent by agent",
+        statement=r"\textstyle\sum_j \sup h_{ij} - k_i s v_i + b_i \le -\alpha s v_i\quad \text{for all } s \in"
+        r" [s^*, \rho],\ i,\ \sigma",
+        plain="on the faces e_i = +-s v_i of the box |e_j| <= s v_j: e_i' points inwards although b_i acts on it, for"
+        " all s in [s*, rho], every agent and mode; b_i from the peak gains of the observer",
+        proved="Every start of the domain ends with |e_i| <= bounds_i whatever acts within [uncertainty], for arbitrary"
+        " switching, and stays in the box of the first stage on the way.",
+        refuted="Never: that no bounds are found does not mean that there are none.",
+        source="Theory, What the model leaves out.",
     ),
 )
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from evidence import (
+    accuracy,
     agreement,
     bad_files,
     bad_samples,
@@ -56,6 +57,7 @@ ITEMS = (
     Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000, share=20),
     Item(name="decision", run=certificates.decision, count=200, seed=6000, share=40),
     Item(name="outside", run=certificates.outside, count=300, seed=6000, share=0),  # a fast test runs 60
+    Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=20),
     Item(name="kills", run=robustness.kills, count=200, seed=8000, share=100),
     Item(name="writers", run=robustness.writers, count=200, seed=8000, share=20),
     Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=30),

@@ -208,11 +208,19 @@ def _decide(question: _Question, claim: Separable, row: Row, place: Place, face:
 
 
 def decide_row(
-    row: Row, face: int, profiles: Sequence[Profile], *, alpha: Fraction, rho: Fraction
+    row: Row,
+    face: int,
+    profiles: Sequence[Profile],
+    *,
+    alpha: Fraction,
+    rho: Fraction,
+    start: Fraction = _ZERO,
+    load: Fraction = _ZERO,
 ) -> tuple[Verdict, Fraction | None]:
-    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove what they can."""
-    limit, whole = (row.gain - alpha) * row.own, Interval(_ZERO, rho)
-    if _by_floats(row, face, profiles, limit=limit, whole=whole):
+    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove what they can.  With
+    a ``load`` >= 0, which is added to the row before it is divided by s: for all s in [start, rho], start > 0."""
+    limit, whole = (row.gain - alpha) * row.own, Interval(start, rho)
+    if _by_floats(row, face, profiles, limit=limit, whole=whole, load=load):
         return Verdict.PROVED, None
     sides = _sides(row, face, profiles, whole)
     waiting, count, price = [whole], 0, _price(row, profiles)
@@ -220,10 +228,10 @@ def decide_row(
         S = waiting.pop()
         spend(price)
         count += 1
-        if upper_bound(sides, S).hi <= limit:
+        if _with_load(sides, S, load).hi <= limit:
             continue
-        for s in (S.ends()[1], S.middle()):
-            if lower_bound(sides, s) > limit:
+        for s in (*S.ends()[not load :], S.middle()):
+            if lower_bound(sides, s) + (load / s.lo if load else 0) > limit:
                 return Verdict.REFUTED, s.lo
         if count >= MOST_PIECES:
             return Verdict.UNDECIDED, S.midpoint
@@ -231,7 +239,13 @@ def decide_row(
     return Verdict.PROVED, None
 
 
-def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fraction, whole: Interval) -> bool:
+def _with_load(sides: Sequence[_Side], S: Interval, load: Fraction) -> Interval:
+    return upper_bound(sides, S) + S.like(load) / S if load else upper_bound(sides, S)
+
+
+def _by_floats(
+    row: Row, face: int, profiles: Sequence[Profile], *, limit: Fraction, whole: Interval, load: Fraction
+) -> bool:
     """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones are left to decide."""
     try:
         waiting, count, price = [Floats.around(whole)], 0, _price(row, profiles)
@@ -240,10 +254,10 @@ def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fract
         while waiting:
             S = waiting.pop()
             spend(price)
-            if upper_bound(sides, S).top <= most:
+            if _with_load(sides, S, load).top <= most:
                 continue
             count += 1
-            if count >= MOST_PIECES or upper_bound(sides, S.middle()).top > near:
+            if count >= MOST_PIECES or _with_load(sides, S.middle(), load).top > near:
                 return False
             waiting += S.halves()
     except UndefinedError:

@@ -37,10 +37,10 @@ def tolerance(case: Certificate, check: Any) -> None:
         need(eta is None and check.domain == p.domain and not p.kinked, "it is no claim about the target")
         need(p.q == 0 or check.rate is None, "the rows at the target give no rate of the whole loop")
     elif p.q:
-        need(eta is None or pull(case, claim) * errors[0] <= eta, "eta is not shown")
+        need(eta is None or bool(pull(case, claim) * errors[0] <= eta), "eta is not shown")
         rate = min(rate - claim.kappa * (eta or 0), pace(case, claim))
     need(
-        (v and p.q) or (check.rate is not None and 0 < check.rate <= rate), "the rate is not between 0 and what follows"
+        bool(v and p.q) or (check.rate is not None and 0 < check.rate <= rate), "the rate is not between 0 and what follows"
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -153,7 +154,7 @@ def _actuators(asked: Asked, proof: Check | None) -> Check:
     problem, base = asked.problem, None if proof is None else proof.claim
     if proof is None or not isinstance(base, Separable) or problem.actuators is None:
         return undecided_check("actuators", asked.domain, NO_PROOF)
-    asks = {"kind": "box", "radius": asked.radius, "disturbance": asked.disturbance}
+    asks: Mapping[str, Any] = {"kind": "box", "radius": asked.radius, "disturbance": asked.disturbance}
     domain = proof.domain if isinstance(proof.domain, Mapping) else asks
     radius, noise = (claimed(domain[name]) for name in ("radius", "disturbance"))
     noise *= _ZERO if base.error is None else base.error.kappa * root_above(base.error.size, unit=10**12)

@@ -39,9 +39,8 @@ def tolerance(case: Certificate, check: Any) -> None:
     elif p.q:
         need(eta is None or bool(pull(case, claim) * errors[0] <= eta), "eta is not shown")
         rate = min(rate - claim.kappa * (eta or 0), pace(case, claim))
-    need(
-        bool(v and p.q) or (check.rate is not None and 0 < check.rate <= rate), "the rate is not between 0 and what follows"
-    )
+    rated = check.rate is not None and 0 < check.rate <= rate
+    need(bool(v and p.q) or rated, "the rate is not between 0 and what follows")
 
 
 def pull(case: Certificate, claim: Any) -> Fraction:

@@ -17,6 +17,7 @@ from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.consensus import claim as consensus
 from dobc_design.conditions.equilibrium import claim as equilibrium
+from dobc_design.conditions.margins import claim as margins
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import claim as separable
@@ -60,6 +61,7 @@ class Claims:
 READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]]] = {
     "consensus": consensus.read_claim,
     "separable": separable.read_claim,
+    "margins": margins.read_claim,
     "weighted": weighted.read_claim,
     "quadratic": quadratic.read_claim,
     "boxes": boxes.read_claim,

@@ -32,6 +32,7 @@ from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_region
 from dobc_design.conditions.linearisation.stage import linearisation_stage
+from dobc_design.conditions.margins.stage import is_asked, margins_stage
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
@@ -171,27 +172,22 @@ def region_checks(
 ) -> list[Check]:
     """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are
     for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.  Of linear
-    couplings the same holds from every start, which may decide a question without a region."""
+    couplings the same holds from every start, which may decide a question without a region.  Last, what it leaves room
+    for: [uncertainty] and [actuators]."""
     known = any(covers(problem, check, checks) for check in checks)
     if problem.region is None and not known:
         known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
         if not (known or everything or domain == "global") and len(problem.network.modes) > 1:
-            near = replace(
-                read_region(problem, W, domain=domain, everything=False),
-                radius=NEAR,
-                disturbance=NEAR * (W is not None),
-            )
-            return separable_stage(near, report)
+            asked = read_region(problem, W, domain=domain, everything=False)
+            return separable_stage(replace(asked, radius=NEAR, disturbance=NEAR * (W is not None)), report)
         known = known or domain != "global"
-    if known and not everything:
-        return []
     asked = read_region(problem, W, domain=domain, everything=everything)
     found: list[Check] = []
-    for stage in STAGES:
+    for stage in STAGES if everything or not known else STAGES[: is_asked(asked)]:
         found += stage(asked, report)
         if not everything and any(covers(problem, check, found) for check in found):
             break
-    return found
+    return found + margins_stage(asked, found, report)
 
 
 def other_equilibria(

@@ -21,6 +21,7 @@ from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
 from dobc_design.conditions.equilibrium import decide as equilibrium
 from dobc_design.conditions.linearisation import decide as linearisation
+from dobc_design.conditions.margins import decide as margins
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
@@ -262,6 +263,8 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         return weighted.confirm(check, problem, W, statements=trusted.statements)
     if check.kind.topic == "separable":
         return separable.confirm(check, problem, W, domain=domain, proof=trusted.separable)
+    if check.kind.topic == "margins":
+        return margins.confirm(check, problem, W, domain=domain, proof=trusted.separable)
     if check.kind.topic in REGIONAL:
         return REGIONAL[check.kind.topic](check, problem, W, domain=domain)
     refutes = check.verdict is Verdict.REFUTED and check.id in ("theorem1", "theorem2")

@@ -8,6 +8,7 @@ from typing import Any
 from .accuracy import accuracy
 from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
 from .files import Certificate, Problem
+from .margins import actuators, tolerance
 from .matrices import product, stable
 from .quadratic import exhaustive, lure
 from .reading import MAX_BYTES, Refused, need, rational
@@ -22,6 +23,8 @@ REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
     "max-separable": max_separable,
     "delay": delay,
     "sampling": sampling,
+    "tolerance": tolerance,
+    "actuators": actuators,
     "equilibrium": equilibrium,
     "lure": lure,
     "exhaustive": exhaustive,

@@ -24,6 +24,7 @@ _DECIDED_IN: Final = {
     "linearisation": ("conditions/linearisation/decide.py", "exact/polynomial.py"),
     "weighted": ("conditions/weighted/decide.py",),
     "separable": ("conditions/separable/decide.py", "conditions/separable/timing.py"),
+    "margins": ("conditions/margins/decide.py", "conditions/separable/decide.py"),
     "quadratic": ("conditions/quadratic/decide.py",),
     "boxes": ("conditions/boxes/decide.py",),
     "equilibrium": ("conditions/equilibrium/decide.py",),
@@ -93,6 +94,7 @@ _observer = partial(Kind, topic="observer", role="part")
 _paper, _given = partial(Kind, topic="consensus", role="paper"), partial(Kind, topic="consensus", role="given")
 _weighted = partial(Kind, topic="weighted", role="paper", source="Beyond the paper; theory, section 10.")
 _timing = partial(Kind, topic="separable", role="timing")
+_margin = partial(Kind, topic="margins", role="plant", source="Beyond the paper; theory, section 12.")
 
 _ROWS: Final = (
     _observer(
@@ -281,6 +283,28 @@ _ROWS: Final = (
         proved="From one sample to the next max |e_i|/v_i falls at least by the factor f < 1, 1 - T alpha <= f, up to"
         " what the observer error adds.",
         refuted="Never: longer periods may work too.",
+    ),
+    _margin(
+        id="tolerance",
+        name="Tolerance",
+        decides="whether the proof holds for all weights and gains within relative errors, each on its own",
+        title="Errors of weights and gains that the certificate allows",
+        statement=r"\text{the rows for all } |\Delta w_{ij}| \le \delta_w w_{ij},\ |\Delta k_i| \le \delta_k k_i",
+        plain="the rows of max-separable (without a region: at the target) hold for every w in [w (1 - dw), w (1 + dw)]"
+        " and k in [k (1 - dk), k (1 + dk)]; observers that do not know the weights: kappa eta < alpha as well",
+        proved="Consensus for all such weights and gains, constant or varying, while the estimation error decays.",
+        refuted="Never: larger errors may be harmless, too.",
+    ),
+    _margin(
+        id="actuators",
+        name="Inputs",
+        decides="how large the inputs can become from the certified starts, and whether actuators with limits saturate",
+        title="Largest inputs on the certified set",
+        statement=r"|u_i| \le \rho \max(|k_i|_1 v_i, 1/\kappa) + \max_t |d_i|",
+        plain="|u_i| <= rho max(|k_i|_1 v_i, 1/kappa) + max |d_i| on {V <= rho}",
+        proved="From every start of the domain no component of u_i exceeds its bound, nor a limit that is given, for"
+        " the model with the errors of gains in [uncertainty] but without its disturbance, drift and noise.",
+        refuted="Never: the bound may be larger than what happens.",
     ),
     Kind(
         id="lure",

@@ -222,10 +222,13 @@ def closed_loop(oracle: Oracle, mode: str, W: list[list[Fraction]] | None) -> np
 
 
 def _weight(problem: Problem, certificate: object, oracle: Oracle) -> np.ndarray:
-    """V = e'e + sum eps_i' P eps_i as a matrix, for the check that carries the verdict."""
+    """V = e'De + sum eps_i' P eps_i as a matrix, for the check that carries the verdict; D = I without weights."""
     claims = certificate.claims  # type: ignore[attr-defined]
     P = problem.observer.P if str(claims.covered_by).endswith("printed") else claims.P
     network = np.eye(oracle.n * oracle.m)
+    if str(claims.covered_by).endswith("weighted"):
+        own = certificate.check(claims.covered_by).claim  # type: ignore[attr-defined]
+        network, P = np.diag([float(x) for x in own.D]), own.P
     if P is None:
         return network
     return linalg.block_diag(network, np.kron(np.eye(oracle.n), np.array(P, dtype=float)))

@@ -66,7 +66,7 @@ def test_lemma_1_has_to_hold_in_every_mode_and_the_slowest_speaks():
     assert plain < certificate.rate <= 2  # the eigenvalues are 2 and 4, 2 and 3
     failing = problem({"a": PAIR, "b": [[1, 2, 50]]}, gains=1)
     assert [c.verdict for c in certify(failing).checks if c.id == "lemma1"] == [PROVED, REFUTED]
-    assert certify(failing).covered_by == "max-separable"  # v = (1, 1): |e|_inf decreases in both, from every start
+    assert certify(failing).covered_by == "theorem2-weighted"
 
 
 def test_a_local_proof_never_covers_a_region():

@@ -200,7 +200,7 @@ def outside_campaign(seeds: Iterable[int]) -> Tally:
             tally.wrong.append(f"{seed}: proved, largest real parts {tops}")
         if verdict is Verdict.REFUTED and max(tops.values()) < -1e-12 - 1e-9 * _size(loops):
             tally.wrong.append(f"{seed}: refuted, largest real parts {tops}")
-        lyapunov = certificate.covered_by not in ("max-separable", "lure")  # whose V is another one
+        lyapunov = certificate.covered_by not in ("max-separable", "lure", "linearisation")  # whose V is another one
         if verdict is Verdict.PROVED and certificate.rate and lyapunov:
             weight = _weight(problem, certificate, oracle)
             tally.wrong += _slower_than(certificate.rate, loops, weight, seed=seed)

@@ -125,7 +125,7 @@ def final_errors(problem: Problem, *, seed: int, runs: int = 3) -> np.ndarray:
 
     def rest(y: np.ndarray) -> np.ndarray:
         """What the couplings add to their linear part, by arc."""
-        return weights * (np.array([h([x])[0] for x in y]) - slope * y)
+        return weights * (h(y[:, None])[:, 0] - slope * y)
 
     def field(x: np.ndarray, u: np.ndarray) -> np.ndarray:
         y, noise = x[j] - x[i], u[n + n * q :]

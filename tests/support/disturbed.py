@@ -80,7 +80,7 @@ def responses(loop: Loop, *, points: int = 6000) -> tuple[np.ndarray, float]:
 
 
 def gain_of(problem: Problem) -> np.ndarray:
-    """The largest |e_i| that inputs within the limits reach in a linear loop: what those reach that are constant on each
+    """The largest |e_i| that inputs within the limits reach in a linear loop: those that are constant on each
     of many short steps, so that it is never above the L-infinity gain."""
     loop = loop_of(problem)
     return np.sum(np.abs(responses(loop)[0]) @ loop.limits, axis=0)

@@ -25,7 +25,7 @@ from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 
 DECAYED: Final = 12.0  # exponents of the slowest mode that the steps follow
-FINEST, COARSEST = 0.006, 0.3  # of |F| h
+FINEST, COARSEST = 0.012, 0.3  # of |F| h
 #: How much more than b_i v is made for, where it has to reach further out.
 SPREADS: Final = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
 ABOVE: Final = Fraction(1, 50_000)  # of a level, left to two programs that round apart

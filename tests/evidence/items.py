@@ -18,6 +18,7 @@ from evidence import (
     hostile,
     jacobians,
     local,
+    margins,
     mutation,
     optimal,
     pinning,
@@ -58,6 +59,8 @@ ITEMS = (
     Item(name="decision", run=certificates.decision, count=200, seed=6000, share=40),
     Item(name="outside", run=certificates.outside, count=300, seed=6000, share=0),  # a fast test runs 60
     Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=20),
+    Item(name="tolerances", run=margins.tolerances, count=1000, seed=12_000),
+    Item(name="inputs", run=margins.inputs, count=10_000, seed=12_000),
     Item(name="kills", run=robustness.kills, count=200, seed=8000, share=100),
     Item(name="writers", run=robustness.writers, count=200, seed=8000, share=20),
     Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=30),

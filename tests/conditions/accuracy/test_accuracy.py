@@ -8,6 +8,7 @@ from fractions import Fraction
 from functools import cache
 from typing import Any
 
+import groups_cases as groups
 import numpy as np
 import pytest
 from disturbed import exact_gain, final_errors, linear_problem
@@ -121,6 +122,13 @@ def test_without_a_region_the_box_of_starts_is_chosen():
     domain = row(SOFT).domain
     assert not isinstance(domain, str)
     assert domain["radius"] > 0 < domain["disturbance"]
+
+
+@pytest.mark.parametrize("name", ["three", "region"])
+def test_agents_with_different_exosystems_count_with_the_worst_peak_gain(name: str):
+    problem = groups.problems()[name].replace(uncertainty=OMEGA | {"measurement": "1/1000"})
+    assert both(problem, lambda exact: None) == (True, True)
+    assert both(problem, scaled(["peaks", "disturbance"], "0.9999")) == (False, False)
 
 
 def test_inputs_too_large_for_the_gains_are_undecided():

@@ -5,12 +5,14 @@ from __future__ import annotations
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_mutants import FILES, Removal, removals, without
 from groups_cases import groups_cases
+from margins_cases import margins_cases
 from quadratic_cases import quadratic_cases
 from region_cases import region_cases
 
 #: The cases to try first.
 FIRST = {
     "separable": region_cases,
+    "margins": margins_cases,
     "quadratic": quadratic_cases,
     "schedule": quadratic_cases,
 }
@@ -45,7 +47,9 @@ def noticed_by(removal: Removal) -> str | None:
     module = without(removal)
     first = FIRST.get(removal.file, cases)
     for case in (
-        case for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases)) for case in each()
+        case
+        for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases, margins_cases))
+        for case in each()
     ):
         if outcome(module.examine, module.Refused, case) != case.code:
             return case.name

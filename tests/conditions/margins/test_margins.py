@@ -9,6 +9,9 @@ from itertools import product
 
 import numpy as np
 import pytest
+from checker_mutants import removals
+from checker_removals import noticed_by, outcome
+from margins_cases import margins_cases
 from scipy.integrate import solve_ivp
 from separable_problems import PAPER, TURNING, cycle, float_gains, listening, random_problem
 
@@ -16,6 +19,7 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
+from dobc_design.checker.reading import Refused
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
@@ -270,3 +274,13 @@ def test_corners_of_weights_stay_inside(seed: int):
         start = float(base.rho) * v * rng.choice((-1, 1), size=len(v))
         run = solve_ivp(field, (0, 5), start, rtol=1e-9, atol=1e-12)
         assert np.max(np.abs(run.y).T / v) <= float(base.rho) * (1 + 1e-9)
+
+
+def test_the_second_program_accepts_the_good_cases_and_refuses_the_bent_ones():
+    for case in margins_cases():
+        assert outcome(examine, Refused, case) == case.code, case.name
+
+
+@pytest.mark.parametrize("removal", removals("margins"), ids=str)
+def test_every_condition_of_the_second_program_is_missed_when_it_is_removed(removal: object):
+    assert noticed_by(removal) is not None

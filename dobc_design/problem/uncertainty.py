@@ -42,8 +42,9 @@ class Uncertainty(Shown):
             with kept(errors):
                 put(self, **{name: _bound(getattr(self, name), f"uncertainty.{name}", below=name in RELATIVE)})
         with kept(errors):
-            if not isinstance(self.known_to_agents, bool):
-                what = f"must be true or false; got {shown(self.known_to_agents)}."
+            known: object = self.known_to_agents
+            if not isinstance(known, bool):
+                what = f"must be true or false; got {shown(known)}."
                 raise wrong("uncertainty.known_to_agents", what, "Leave it out where the agents know their couplings.")
         raise_all(errors)
 

@@ -25,6 +25,7 @@ FILES = (
     "files",
     "consensus",
     "separable",
+    "margins",
     "quadratic",
     "schedule",
     "examine",

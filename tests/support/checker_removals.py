@@ -5,13 +5,16 @@ from __future__ import annotations
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_mutants import FILES, Removal, removals, without
 from groups_cases import groups_cases
+from margins_cases import margins_cases
 from quadratic_cases import quadratic_cases
 from region_cases import region_cases
 from weighted_cases import weighted_cases
 
+MORE = (weighted_cases, margins_cases)
 #: The cases to try first.
 FIRST = {
     "separable": region_cases,
+    "margins": margins_cases,
     "quadratic": quadratic_cases,
     "schedule": quadratic_cases,
 }
@@ -47,7 +50,7 @@ def noticed_by(removal: Removal) -> str | None:
     first = FIRST.get(removal.file, cases)
     for case in (
         case
-        for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases, weighted_cases))
+        for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases, *MORE))
         for case in each()
     ):
         if outcome(module.examine, module.Refused, case) != case.code:

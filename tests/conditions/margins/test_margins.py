@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from itertools import product
 
 import numpy as np
 import pytest
+from checker_mutants import removals
+from checker_removals import noticed_by, outcome
+from margins_cases import margins_cases
 from scipy.integrate import solve_ivp
 from separable_problems import PAPER, TURNING, cycle, float_gains, listening, random_problem
 
@@ -16,6 +20,7 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
+from dobc_design.checker.reading import Refused
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
@@ -36,9 +41,12 @@ FIXED = load_problem("paper-fixed")
 SMALL = {"initial_states": ["0.9", "1.1"], "initial_disturbance": "0.05"}
 
 
+certified = cache(certify)
+
+
 def found(problem: Problem, id: str) -> Check:
     """The check, which both programs have confirmed: certify withdraws what the second one refuses."""
-    check = next(check for check in certify(problem).checks if check.id == id)
+    check = next(check for check in certified(problem).checks if check.id == id)
     assert "second program" not in check.reason
     return check
 
@@ -64,7 +72,7 @@ def accepted(problem: Problem, checks: tuple[Check, ...], certificate: object) -
 
 def changed(problem: Problem, id: str, base: object = None, **exact: object) -> tuple[bool, bool]:
     """Whether both accept other exact values of the check, ``base`` those of max-separable."""
-    certificate = certify(problem)
+    certificate = certified(problem)
     changes = {id: exact, "max-separable": base or {}}
     checks = tuple(
         replace(check, claim=Values({**json.loads(json.dumps(check.exact)), **changes[check.id]}))
@@ -134,7 +142,7 @@ def test_a_table_is_proved_and_a_larger_one_is_not():
 
 
 def test_without_a_table_the_largest_common_error_is_found_only_on_request():
-    assert all(check.id != "tolerance" for check in certify(FIXED).checks)
+    assert all(check.id != "tolerance" for check in certified(FIXED).checks)
     check = region_checks(FIXED)["tolerance"]
     assert 0.02 < float(F(check.exact["weights"])) < 0.06
     assert check.exact["weights"] == check.exact["gains"]
@@ -156,7 +164,7 @@ def test_at_the_target_of_several_modes_one_v_serves_all_corners():
     assert check.verdict is Verdict.PROVED
     assert check.domain == "consensus"
     assert check.rate is None
-    certificate = certify(problem)
+    certificate = certified(problem)
     v = [number_text(F(x) * (1 if k else 3)) for k, x in enumerate(check.exact["v"])]
     assert changed(problem, "tolerance", v=v) == (False, False)
     assert changed(problem, "tolerance", alpha="1") == (False, False)
@@ -167,7 +175,7 @@ def test_at_the_target_of_several_modes_one_v_serves_all_corners():
 @pytest.mark.parametrize("id", ["tolerance", "actuators"])
 def test_claims_that_say_more_are_refused_by_both(id: str):
     problem = FIXED.replace(uncertainty={"weights": "0.02", "gains": "0.01"}, actuators={"limit": 30})
-    certificate = certify(problem)
+    certificate = certified(problem)
     exact = next(check.exact for check in certificate.checks if check.id == id)
     base = next(check.exact for check in certificate.checks if check.id == "max-separable")
     assert accepted(problem, certificate.claims.checks, certificate) == (True, True)
@@ -270,3 +278,13 @@ def test_corners_of_weights_stay_inside(seed: int):
         start = float(base.rho) * v * rng.choice((-1, 1), size=len(v))
         run = solve_ivp(field, (0, 5), start, rtol=1e-9, atol=1e-12)
         assert np.max(np.abs(run.y).T / v) <= float(base.rho) * (1 + 1e-9)
+
+
+def test_the_second_program_accepts_the_good_cases_and_refuses_the_bent_ones():
+    for case in margins_cases():
+        assert outcome(examine, Refused, case) == case.code, case.name
+
+
+@pytest.mark.parametrize("removal", removals("margins"), ids=str)
+def test_every_condition_of_the_second_program_is_missed_when_it_is_removed(removal: object):
+    assert noticed_by(removal) is not None

@@ -83,7 +83,7 @@ def shrinks(p: Problem, stage: Any, peaks: Any) -> None:
         terms = tuple((arc.coupling, arc.w, v[arc.j]) for arc in heard)
         row = Row(v[i], (p.least_gain(i) - stage.alpha) * v[i], terms)
         if stage.rho is None:
-            holds = linear_row(row, load * bottom / stage.level)
+            holds = linear_row(row, load=load * bottom / stage.level)
         else:
             span = partial(curved_row, row, bottom, stage.rho, curves, start=stage.level, load=load)
             holds = all(span(face) for face in (False, True))

@@ -25,6 +25,7 @@ FILES = (
     "files",
     "consensus",
     "separable",
+    "accuracy",
     "margins",
     "quadratic",
     "schedule",

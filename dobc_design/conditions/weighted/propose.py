@@ -22,6 +22,7 @@ from dobc_design.conditions.consensus.propose import DENSE, decay_rate
 from dobc_design.conditions.numbers import MANY_AGENTS, shorten
 from dobc_design.conditions.weighted.claim import Weighted
 from dobc_design.conditions.weighted.decide import observer_bounds
+from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
@@ -91,10 +92,11 @@ def disagreeing(problem: Problem) -> tuple[str, str] | None:
 
 def _stiffness(problem: Problem, mode: str) -> Any:
     """M = K - dh/de at the target, (n m, n m) sparse; None where it cannot be had."""
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"), suppress(SpecError):
         jacobian = consensus_jacobian(problem, mode)
         table = None if jacobian is None else sparse.csc_array(pinning_matrix(problem) - jacobian)
-    return table if table is not None and np.all(np.isfinite(table.data)) else None
+        return table if table is not None and np.all(np.isfinite(table.data)) else None
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +111,13 @@ class Perron:
 
 def perron(table: Any) -> Perron | None:
     """The pair of an M-matrix with a rate close to mu, the least real part of an eigenvalue; None if mu > 0 is not
-    seen."""
+    seen, or a numerical library breaks down."""
+    with suppress(*GIVEN_UP):
+        return _perron(table)
+    return None
+
+
+def _perron(table: Any) -> Perron | None:
     size = table.shape[0]
     w = u = ones = np.ones(size)
     acyclic = csgraph.connected_components(table, connection="strong")[0] == size

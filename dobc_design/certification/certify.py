@@ -83,7 +83,7 @@ def certify(
     Example:
         >>> certificate = dd.certify("clock-sync")
         >>> certificate.verdict.value, certificate.covered_by
-        ('proved', 'theorem1')
+        ('proved', 'theorem1-weighted')
     """
     problem = load_problem(problem)
     report = report_to(progress)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.weighted.decide import id_for, weighted_check, why_not
 from dobc_design.conditions.weighted.propose import disagreeing, proposals
 from dobc_design.exact.matrix import Matrix
@@ -22,8 +23,9 @@ def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
     id = id_for(problem)
     if why_not(statements) is not None or any(unreached(problem, [arcs]) for arcs in modes.values()):
         return []
-    if (late := out_of_time()) is not None:
-        return [undecided_check(id, statements.domain, late)]
+    reasons = (out_of_time(), *(too_large(group.exosystem) for group in problem.groups))
+    if (reason := next(filter(None, reasons), None)) is not None:
+        return [undecided_check(id, statements.domain, reason)]
 
     def decided() -> Check:
         for claim, rate in proposals(statements, W):

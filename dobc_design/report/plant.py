@@ -27,7 +27,10 @@ _ABSOLUTE = (
 
 def plant_section(certificate: Certificate) -> Iterator[doc.Section]:
     """What is proved under [uncertainty] and [actuators]; nothing where the problem has neither."""
-    if not (assumed := list(_assumed(certificate.problem))):
+    problem = certificate.problem
+    assumed = list(_assumed(problem))
+    told = [_told(problem, check) for id in _NAMES for check in certificate.checks if check.id == id]
+    if (problem.uncertainty is None and problem.actuators is None) or not (assumed or told):
         return
     given = doc.table_of(
         "Assumed about the plant",
@@ -35,9 +38,8 @@ def plant_section(certificate: Certificate) -> Iterator[doc.Section]:
         doc.Column("assumed by component", lambda row: row[0]),
         doc.Column("at most", lambda row: row[1], style="number"),
     )
-    told = [_told(certificate.problem, check) for id in _NAMES for check in certificate.checks if check.id == id]
     nothing = doc.Text("Nothing is proved about this, because the conditions that it would rest on fail.")
-    blocks = (given, doc.Beside([(each,) for each in told]) if told else nothing)
+    blocks = (*([given] if assumed else []), doc.Beside([(each,) for each in told]) if told else nothing)
     yield doc.Section("What the plant may add", blocks, "plant", "Plant")
 
 
@@ -61,16 +63,13 @@ def _assumed(problem: Problem) -> Iterator[tuple[str, str]]:
 
 def _told(problem: Problem, check: Check) -> doc.Section:
     """What one of the checks says, where it is proved with its numbers."""
-    starts = f"{'for ' if isinstance(check.domain, Mapping) else ''}{words.domain_words(check.domain)}"
-    text, table = check.reason, tuple[doc.Block, ...]()
-    if check.verdict is not Verdict.PROVED:
-        starts = ""
-    elif check.id == "accuracy":
+    text, table, proved = check.reason, tuple[doc.Block, ...](), check.verdict is Verdict.PROVED
+    if proved and check.id == "accuracy":
         text = "Whatever unmodelled disturbance, drift and measurement error act within these bounds, and however the"
         text += " modes switch, every |eᵢ| ends within its final bound and stays there. Weights and gains count as they"
         text += " stand in the file."
-        table = _worst(_numbers(check, "bounds"), "final |eᵢ| ≤", None)
-    elif check.id == "actuators":
+        table = _worst(_numbers(check, "bounds"), "final |eᵢ| ≤", {})
+    elif proved and check.id == "actuators":
         inputs = _numbers(check, "inputs")
         limits = {label: problem.actuators.limit_of(label) for label in inputs} if problem.actuators else {}
         text = "No component of an input is ever larger than this"
@@ -79,7 +78,8 @@ def _told(problem: Problem, check: Check) -> doc.Section:
             text += " These are the inputs of the model: weights of the file, the disturbance of the exosystem, but no"
             text += " unmodelled disturbance, drift or measurement error."
         table = _worst(inputs, "|uᵢ| ≤", limits)
-    head = f"{check.verdict.value.capitalize()} {starts}".strip()
+    where = f"{' for' if isinstance(check.domain, Mapping) else ''} {words.domain_words(check.domain)}"
+    head = f"{check.verdict.value.capitalize()}{where if proved else ''}"
     return doc.Section(_NAMES[check.id], (doc.Text(f"{head}. {words.sentence(text)}"), *table))
 
 
@@ -87,16 +87,13 @@ def _numbers(check: Check, key: str) -> dict[str, Fraction]:
     return {label: read_rational(x) for label, x in (check.exact or {})[key].items()}
 
 
-def _worst(
-    values: Mapping[str, Fraction], head: str, limits: Mapping[str, Fraction | None] | None
-) -> tuple[doc.Block, ...]:
+def _worst(values: Mapping[str, Fraction], head: str, limits: Mapping[str, Fraction | None]) -> tuple[doc.Block, ...]:
     """The agents with the largest values, first those closest to their limits; agents with the same numbers share a
     row.  Values are rounded up."""
-    own = limits or {}
-    worst = sorted(values, key=lambda x: (own.get(x) is not None, values[x] / (own.get(x) or 1)), reverse=True)
+    worst = sorted(values, key=lambda x: (limits.get(x) is not None, values[x] / (limits.get(x) or 1)), reverse=True)
     rows: dict[tuple[str, str], list[str]] = {}
     for label in worst:
-        limit = own.get(label)
+        limit = limits.get(label)
         shown = typeset(significant_away_from_zero(values[label])), "–" if limit is None else words.decimal(limit)
         rows.setdefault(shown, []).append(label)
     first = list(rows.items())[:MOST_ROWS]
@@ -106,7 +103,7 @@ def _worst(
         first,
         doc.Column("agents", lambda row: words.names_in_words(row[1], 6)),
         doc.Column(head, lambda row: row[0][0], style="number"),
-        doc.Column("limit", lambda row: row[0][1], style="number", only=doc.EVERY if any(own.values()) else ()),
+        doc.Column("limit", lambda row: row[0][1], style="number", only=doc.EVERY if any(limits.values()) else ()),
     )
     rest = doc.Text(f"And {more} more agents, with less; certificate.json has them all.", "caption")
     return (table, rest) if more else (table,)

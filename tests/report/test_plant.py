@@ -81,6 +81,13 @@ def test_without_the_tables_there_is_no_section_and_without_checks_it_says_so(pr
     assert section.blocks[-1].words.startswith("Nothing is proved")
 
 
+def test_an_empty_table_of_actuators_asks_for_the_inputs_alone(problem_with, certificate_of):
+    check = checked("actuators", rho="1", inputs={str(i): "25" for i in range(1, 11)})
+    (section,) = plant_section(certificate_of(problem_with(actuators={}), checks=(check,)))
+    assert [type(block) for block in section.blocks] == [Beside]
+    assert list(plant_section(certificate_of(problem_with(uncertainty={}), checks=()))) == []
+
+
 @pytest.mark.slow
 def test_a_certified_problem_has_the_block_on_its_first_page():
     problem = load_problem("paper-fixed").replace(uncertainty={"disturbance": "1/10"}, actuators={"limit": 30})

@@ -350,7 +350,7 @@ def test_what_one_program_refuses_the_other_refuses(id, problem, count):
     stage = quadratic_stage if id == "lure" else exhaustive_stage
     asked = read_region(problem, problem.observer.W, domain="consensus", everything=id == "exhaustive")
     check = json.loads(json.dumps(stage(asked, lambda _: None)[0].to_json()))
-    regional = ("max-separable", "delay", "sampling", "lure", "exhaustive")
+    regional = ("max-separable", "delay", "sampling", "lure", "exhaustive", "tolerance")
     document["checks"] = [*(each for each in document["checks"] if each["id"] not in regional), check]
     document |= {"verdict": "proved", "rate": check["rate"], "covered_by": id}
     assert accepted_by(document, problem) == (True, True)

@@ -13,9 +13,11 @@ from dobc_design.solvers.program import Array
 ROUNDS, CLOSE = 100, 1e-9
 
 
+@np.errstate(all="ignore")
 def common_vector(problem: Problem, errors: Errors) -> Array | None:
     """v > 0 (n,) with M v >= 1, M = L(w h'(0)) + K, in every mode and for all errors; None if none is seen.  Policy
-    iteration: given v every agent takes the mode and the ends of its weights that pull it out most."""
+    iteration: given v every agent takes the mode and the ends of its weights that pull it out most.
+    Raises: OverflowError beyond the floats."""
     n, spread, v = problem.n, float(errors.weights), np.ones(problem.n)
     slopes = np.array([float(coupling.jacobian_at_zero()[0][0].midpoint) for coupling in problem.couplings])
     gains, modes = np.array([float(k) for k in holding_gains(problem, error=errors.gains)]), []
@@ -31,11 +33,10 @@ def common_vector(problem: Problem, errors: Errors) -> Array | None:
             tables.append(sparse.csr_array(sparse.diags_array(gains + table.sum(axis=1)) - table))
         worst = np.argmin([table @ v for table in tables], axis=0)
         M = sum(sparse.diags_array((worst == k).astype(float)) @ table for k, table in enumerate(tables))
-        with np.errstate(all="ignore"):
-            try:
-                found = sparse.linalg.splu(sparse.csc_array(M)).solve(np.ones(n))
-            except RuntimeError:  # singular
-                return None
+        try:
+            found = sparse.linalg.splu(sparse.csc_array(M)).solve(np.ones(n))
+        except RuntimeError:  # singular
+            return None
         if not np.all(np.isfinite(found)) or not np.all(found > 0):
             return None
         if np.all(np.abs(found - v) <= CLOSE * found):

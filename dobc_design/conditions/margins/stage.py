@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -39,13 +40,12 @@ def is_asked(asked: Asked) -> bool:
 
 
 def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:
-    """What the problem asks beside ``checks``, and with ``everything`` the tolerance anyway, where there is one."""
+    """What the problem asks beside ``checks``, and the tolerance where there is one."""
     proved = (check for check in checks if check.id == "max-separable" and check.verdict is Verdict.PROVED)
     proof, found = next(proved, None), list[Check]()
-    if asked.everything or _given(asked) is not None:
-        report("deciding the tolerance")
-        check = limited("tolerance", asked.domain, lambda: _tolerance(asked, proof))
-        found += [check] if check.verdict is Verdict.PROVED or _given(asked) is not None else []
+    report("deciding the tolerance")
+    check = limited("tolerance", asked.domain, lambda: _tolerance(asked, proof))
+    found += [check] if check.verdict is Verdict.PROVED or _given(asked) is not None else []
     if asked.problem.actuators is not None:
         report("deciding the inputs")
         found.append(_actuators(asked, proof))
@@ -138,7 +138,9 @@ def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | 
 
 def _at_target(asked: Asked) -> Callable[[Errors], Tolerance | None]:
     """Rows at the target, with the v that the errors ask for."""
-    usual = common_vector(asked.problem, Errors())
+    usual = None
+    with suppress(OverflowError):
+        usual = common_vector(asked.problem, Errors())
 
     def find(errors: Errors) -> Tolerance | None:
         v = None if usual is None else common_vector(asked.problem, errors)

@@ -65,7 +65,7 @@ def test_a_region_that_the_theorem_covers_needs_no_more():
     """Linear couplings: Lemma 1 is global."""
     problem = listening([[1, 2], [2, 1]], "2*y", gains=5, region=side(4))
     certificate = certify(problem)
-    assert {check.id for check in certificate.checks} == {"reachability", "lemma1", "theorem1-weighted"}
+    assert {check.id for check in certificate.checks} == {"reachability", "lemma1", "theorem1-weighted", "tolerance"}
     check = stage(problem, domain="global", everything=True)["max-separable"]
     assert (check.verdict, check.domain, check.exact["rho"]) == (PROVED, "global", None)
 

@@ -8,6 +8,7 @@ from fractions import Fraction
 from dobc_design._show.text import significant_away_from_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.margins.stage import UNCOUNTED
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.reading import counted
 from dobc_design.problem.problem import Problem
@@ -75,8 +76,7 @@ def _told(problem: Problem, check: Check) -> doc.Section:
         text = "No component of an input is ever larger than this"
         text += ", so no actuator with a limit saturates." if any(limits.values()) else "."
         if problem.uncertainty is not None:
-            text += " These are the inputs of the model: weights of the file, the disturbance of the exosystem, but no"
-            text += " unmodelled disturbance, drift or measurement error."
+            text += UNCOUNTED
         table = _worst(inputs, "|uᵢ| ≤", limits)
     where = f"{' for' if isinstance(check.domain, Mapping) else ''} {words.domain_words(check.domain)}"
     head = f"{check.verdict.value.capitalize()}{where if proved else ''}"

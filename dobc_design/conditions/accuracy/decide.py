@@ -40,7 +40,6 @@ from dobc_design.coupling.enclosures import Profile, jet
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply
-from dobc_design.exact.number import number_text
 from dobc_design.exact.peaks import peak_gains, row_norm
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
@@ -143,7 +142,7 @@ def _told(problem: Problem, claim: Accuracy, domain: Domain) -> str:
     if not isinstance(domain, str):
         starts += f" with |e_i| <= {domain['radius']:.6g}"
         starts += f" and |eps_i| <= {domain['disturbance']:.6g}" if problem.groups else ""
-    inputs = ", ".join(f"{name} {number_text(x)}" for name in INPUTS if (x := getattr(problem.uncertainty, name)))
+    inputs = ", ".join(f"{name} {float(x):.6g}" for name in INPUTS if (x := getattr(problem.uncertainty, name)))
     bounds = ", ".join(told).replace(", ..., ", " ... ")
     return f"{starts} ends with |e_i| <= {bounds}, whatever acts within the bounds of [uncertainty]: {inputs}."
 

@@ -29,6 +29,10 @@ KEPT = Fraction(1, 100)  # of the rate, which the largest error leaves; half of 
 WIDER = Fraction(21, 20)  # eta, for a second program with wider enclosures
 FAR = 1000  # times that v grows until the rows at the target count as lost
 MORE = 1 + Fraction(1, 10**9)  # inputs, for roots that another program rounds otherwise
+UNCOUNTED = (
+    " Errors of weights and gains are counted where `tolerance` is proved; what [uncertainty] adds to disturbance,"
+    " drift and measurement is not."
+)
 NO_PROOF = "there is no proved max-separable certificate that it could rest on."
 _ZERO = Fraction(0)
 
@@ -181,14 +185,14 @@ def _actuators(asked: Asked, proof: Check | None) -> Check:
         if room <= 0:
             reason += " The disturbance alone takes all of it: no region and no gain would do."
         else:
-            starts = f" ({_told(box)} for |e_i|, with the same initial disturbance)" if box > 0 else ""
-            reason += (
-                f" It never saturates while V <= {_told(lower)}{starts}. For the whole region it would need a gain"
-            )
-            reason += f" of at most {_told(room / (level * base.v[problem.network.index[label]]))} and a new proof."
+            starts = f"from starts with |e_i| <= {_told(box)} and the same |eps_i|"
+            late = f"once V of the check max-separable is at most {_told(lower)}"
+            reason += f" It never saturates {starts if box > 0 else late}. For the whole region it would need a gain of"
+            reason += f" at most {_told(room / (level * base.v[problem.network.index[label]]))} and a new proof."
         return undecided_check("actuators", asked.domain, reason)
     reason = f"from these starts no component of an input exceeds {float(most[worst]):.6g} (agent {worst})"
     reason += "; no actuator with a limit saturates." if problem.actuators.limit is not None else "."
+    reason += UNCOUNTED if problem.uncertainty is not None else ""
     claim = Inputs(rho=level, inputs=most)
     return _confirmed(
         asked, Check(id="actuators", verdict=Verdict.PROVED, domain=domain, claim=claim, reason=reason), proof

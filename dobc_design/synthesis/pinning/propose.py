@@ -5,8 +5,8 @@ minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``de
 
 Of many agents a small set of pins is chosen greedily.  With v = sqrt(c) on the pins and (S v)_i = 0 on the others,
 pinning agent a as well makes the gains cheaper by (v_a - sqrt(c_a))^2 / (2 G_aa), G the inverse of S on the others,
-exactly, as long as no gain falls to 0.  G_aa >= 1 / S_aa orders the agents, so that few G_aa are computed in a step,
-and a pin takes a rank one away from G.  While the pins do not reach the rate, S is shifted as far as that takes.
+exactly, as long as no gain falls to 0.  G_aa >= 1 / S_aa orders the agents, so that few G_aa are computed in a step.
+While the pins do not reach the rate, S is shifted as far as that takes.
 """
 
 from __future__ import annotations
@@ -33,11 +33,10 @@ MOST_SETS = 3000  # sets of agents that are compared one by one
 MANY = 200  # agents from which on greedy steps are quick ones
 NEARLY_ZERO = 1e-9
 CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
-UPDATES = 100  # pins between two factorisations
+UPDATES = 100  # pins between two eigenvalues
 SHIFTED, PART = 8, 300  # while S is shifted; of many agents one in so many
 ROOM = 0.05  # by how much more S is shifted than it has to be, as a part
-LOOKED_AT = 12  # agents whose saving is computed in one step at most
-CERTAIN, PESSIMISM = 2, 1.1  # after so many, bounds are taken to be too large by nearly the least factor seen
+LOOKED_AT = 12  # agents whose saving is computed in one step
 DENSE = 400  # agents up to which all eigenvalues are computed
 STEPS = 3000  # of the power method above
 
@@ -267,76 +266,32 @@ def greedy_set(
         room = len(left) if pins is None else min(len(left), pins - len(found))
         if (shift == 0 and pins is None) or room <= 0:
             return tuple(sorted(found)) if shift == 0 else None
-        states = [_State(table, found, costs, shift) for table in blocks.tables]
+        shifted = [sparse.csr_array(table + shift * sparse.eye_array(len(costs))) for table in blocks.tables]
         for _ in range(min(room, max(SHIFTED, blocks.agents // PART) if shift else UPDATES)):
-            agent = _best(states, left, costs)
-            found.append(agent)
-            left = left[left != agent]
-            for state in states:
-                state.pin(agent, float(np.sqrt(costs[agent])))
+            found.append(_best(shifted, found, left, costs))
+            left = left[left != found[-1]]
 
 
-def _best(states: Sequence[_State], left: Any, costs: Array) -> int:
+def _best(matrices: Sequence[Any], found: list[int], left: Any, costs: Array) -> int:
     """The agent that saves most, among those whose bound is largest."""
-    bounds = np.sum([state.bounds(left, costs) for state in states], axis=0)
-    order = np.argsort(-bounds, kind="stable")[:LOOKED_AT]
-    best, agent, part = -1.0, int(left[order[0]]), 0.0
-    for count, place in enumerate(order.tolist()):
-        if bounds[place] * (min(1.0, PESSIMISM * part) if count >= CERTAIN else 1.0) <= best:
-            break
-        saving = sum(state.saving(int(left[place]), costs) for state in states)
-        part = max(part, saving / max(float(bounds[place]), 1e-300))
-        if saving > best:
-            best, agent = saving, int(left[place])
-    return agent
-
-
-class _State:
-    """One matrix with its pins: v (n,), the inverse on the others as a factor less ``rank`` columns."""
-
-    def __init__(self, table: Any, chosen: Sequence[int], costs: Array, shift: float) -> None:
-        matrix = sparse.csr_array(table + shift * sparse.eye_array(len(costs)))
-        pins = np.array(sorted(chosen), dtype=np.int64)
-        others = np.setdiff1d(np.arange(len(costs)), pins)
+    root, others = np.sqrt(costs), np.setdiff1d(np.arange(len(costs)), found)
+    place = np.searchsorted(others, left)
+    above, diagonals, solvers = [], [], []
+    for matrix in matrices:
         rows = matrix[others]
-        self.solve = pinning.factorised(rows[:, others])
-        self.diagonal, self.place = matrix.diagonal(), np.full(len(costs), -1)
-        self.place[others] = np.arange(len(others))
-        self.v = np.sqrt(costs)
+        solvers.append(pinning.factorised(rows[:, others]))
         # Where nobody is pinned yet: by how loosely everybody is held.
-        self.v[others] = self.solve(-(rows[:, pins] @ self.v[pins]) if len(pins) else np.ones(len(others)))
-        self.rank: list[Array] = []
-        self.column: dict[int, Array] = {}
+        v = solvers[-1](-(rows[:, found] @ root[found]) if found else np.ones(len(others)))
+        above.append(np.maximum(v[place] - root[left], 0.0))
+        diagonals.append(matrix.diagonal()[left])
+    bounds = np.sum([own**2 * diagonal for own, diagonal in zip(above, diagonals, strict=True)], axis=0)
 
-    def bounds(self, agents: Any, costs: Array) -> Array:
-        above = np.maximum(self.v[agents] - np.sqrt(costs[agents]), 0.0)
-        return np.asarray(above**2 * self.diagonal[agents])
+    def saving(candidate: int) -> float:
+        unit = (np.arange(len(others)) == place[candidate]).astype(float)
+        inverse = [solve(unit)[place[candidate]] for solve in solvers]
+        return sum(float(own[candidate]) ** 2 / float(g) for own, g in zip(above, inverse, strict=True))
 
-    def saving(self, agent: int, costs: Array) -> float:
-        own = max(float(self.v[agent] - np.sqrt(costs[agent])), 0.0)
-        return own**2 / float(self._column(agent)[self.place[agent]])
-
-    def pin(self, agent: int, value: float) -> None:
-        """Hold v of one more agent at ``value``."""
-        column = self._column(agent)
-        own = self.place[agent]
-        others = self.place >= 0
-        self.v[others] += column[self.place[others]] * (value - self.v[agent]) / column[own]
-        self.v[agent] = value
-        self.rank.append(column / np.sqrt(column[own]))
-        self.column.clear()
-
-    def _column(self, agent: int) -> Array:
-        """The column of the inverse that belongs to an agent, after the pins since the factorisation."""
-        if agent not in self.column:
-            own = self.place[agent]
-            unit = np.zeros(int(np.max(self.place)) + 1)
-            unit[own] = 1.0
-            column = self.solve(unit)
-            for each in self.rank:
-                column -= each * each[own]
-            self.column[agent] = column
-        return self.column[agent]
+    return int(left[max(np.argsort(-bounds, kind="stable")[:LOOKED_AT], key=saving)])
 
 
 def slow_directions(

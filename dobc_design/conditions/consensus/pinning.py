@@ -40,7 +40,6 @@ SINGULAR = 1e-11  # relative to the entries: smaller eigenvalues are not told fr
 STEPS = 60  # of a bisection
 FEW_ROWS = 15  # up to which a conic program is the quicker way to shared gains
 ROWS = 5000  # agents up to which factors of sparse networks stay small
-FEW_PINS = 300  # up to which a dense Schur complement is multiplied, which is quicker than a solve
 DUAL_STEPS = 1500
 NEGATIVE = 1e-10  # relative to the entries: what counts as a gain below 0 there
 DENSE_PARTS, MANY_PINS = 200, 2000  # rows up to which all eigenvalues are computed; pins from which v is not balanced
@@ -382,13 +381,11 @@ def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if there are none.
-    ``whole``: its Schur complement on the pins, where they are few enough for a dense one."""
+    """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if there are none."""
 
     own: Any
     across: Any
     factor: Any
-    whole: Array | None
 
     def follow(self, v: Array) -> Array:
         """v on the other agents, where S v is 0."""
@@ -396,8 +393,6 @@ class _Block:
 
     def flow(self, v: Array) -> Array:
         """S v on the pinned agents."""
-        if self.whole is not None:
-            return np.asarray(self.whole @ v)
         flow = self.own @ v
         return np.asarray(flow if self.factor is None else flow + self.across @ self.follow(v))
 
@@ -464,10 +459,4 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimu
 def _split(table: Any, pins: Any, others: Any) -> _Block:
     rows = sparse.csr_array(table)[pins]
     factor = splu(sparse.csc_array(table[others][:, others]), **SYMMETRIC) if len(others) else None
-    own, across = rows[:, pins], rows[:, others]
-    whole = None
-    if len(pins) <= FEW_PINS:
-        whole = own.toarray()
-        if factor is not None:
-            whole -= across @ factor.solve(across.T.toarray())
-    return _Block(own=own, across=across, factor=factor, whole=whole)
+    return _Block(own=rows[:, pins], across=rows[:, others], factor=factor)

@@ -12,7 +12,7 @@ While the pins do not reach the rate, S is shifted as far as that takes.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations, product
 from math import comb
 from typing import Any
@@ -41,19 +41,18 @@ DENSE = 400  # agents up to which all eigenvalues are computed
 STEPS = 3000  # of the power method above
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PinningProposer:
-    """The blocks of one problem, its costs and caps (inf where there is none); the blocks of the last rate are kept."""
+    """The blocks of one problem, its costs and caps (inf where there is none)."""
 
     problem: Problem
     blocks: pinning.Blocks
     costs: Array
     caps: Array
-    _kept: dict[float, pinning.Blocks] = field(default_factory=dict)
 
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
         """Gains (n) of least cost, about, and their multipliers; without (None) directions that no gains hold."""
-        blocks, chosen = self._at(rate), self._mask(allowed)
+        blocks, chosen = pinning.for_rate(self.blocks, rate), self._mask(allowed)
         if blocks.z:
             single = [pinning.optimum(table, chosen, self.costs, self.caps) for table in blocks.tables]
             known = [each for each in single if each is not None]
@@ -77,7 +76,7 @@ class PinningProposer:
 
     def slow(self, rate: float) -> Vectors:
         """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large blocks."""
-        blocks = self._at(rate)
+        blocks = pinning.for_rate(self.blocks, rate)
         if blocks.agents * blocks.width > pinning.PROGRAM_ROWS * 3:
             return []
         pairs = [np.linalg.eigh(table.toarray()) for table in blocks.tables]
@@ -89,7 +88,7 @@ class PinningProposer:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
         One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add, then
         exchanges of one agent for another; of many agents those that save most."""
-        chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
+        chosen, blocks, free = self._hitting(allowed, groups), pinning.for_rate(self.blocks, rate), set(allowed)
         if blocks.z and blocks.agents > MANY and not blocks.weighted:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
@@ -162,12 +161,6 @@ class PinningProposer:
         weight[others] = pinning.slowest_on(blocks, others)
         order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
         return order[: 40 if blocks.agents <= 60 else 8]
-
-    def _at(self, rate: float) -> pinning.Blocks:
-        if rate not in self._kept:
-            self._kept.clear()
-            self._kept[rate] = pinning.for_rate(self.blocks, rate)
-        return self._kept[rate]
 
     def _shared(
         self, blocks: pinning.Blocks, chosen: Array, known: Sequence[pinning.Optimum]

@@ -32,7 +32,6 @@ WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, time
 MOST_SETS = 3000  # sets of agents that are compared one by one
 MANY = 200  # agents from which on greedy steps are quick ones
 NEARLY_ZERO = 1e-9
-CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
 UPDATES = 100  # pins between two eigenvalues
 SHIFTED, PART = 8, 300  # while S is shifted; of many agents one in so many
 ROOM = 0.05  # by how much more S is shifted than it has to be, as a part
@@ -53,21 +52,11 @@ class PinningProposer:
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
         """Gains (n) of least cost, about, and their multipliers; without (None) directions that no gains hold."""
         blocks, chosen = pinning.for_rate(self.blocks, rate), self._mask(allowed)
-        if blocks.z:
-            single = [pinning.optimum(table, chosen, self.costs, self.caps) for table in blocks.tables]
-            known = [each for each in single if each is not None]
-            if len(known) < len(single):
-                return None, self._loose(blocks, chosen)
-            if blocks.weighted:  # of several modes what each needs by itself
-                return np.max([each.gains for each in known], axis=0).tolist(), []
-            if len(known) == 1:
-                return known[0].gains.tolist(), self._named(blocks, [list(known[0].duals)])
-            return self._shared(blocks, chosen, known)
-        if all(value > NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)):
-            gains, vectors = self._shared(blocks, chosen, [])
-            if gains is not None:
-                return gains, vectors
-        return None, self._loose(blocks, chosen)
+        can = blocks.z or all(value > NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen))
+        found = pinning.cheapest_gains(blocks, chosen, self.costs, self.caps) if can else None
+        if found is None:
+            return None, self._loose(blocks, chosen)
+        return found.gains.tolist(), self._named(blocks, found.vectors)
 
     def fastest(self, allowed: Collection[int], factor: float = 1.0) -> float:
         """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``; inf without limit."""
@@ -162,39 +151,6 @@ class PinningProposer:
         order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
         return order[: 40 if blocks.agents <= 60 else 8]
 
-    def _shared(
-        self, blocks: pinning.Blocks, chosen: Array, known: Sequence[pinning.Optimum]
-    ) -> tuple[list[float] | None, Vectors]:
-        """Several blocks: their dual or a conic program; else the largest gain of each agent over the blocks."""
-        found: tuple[Array, Vectors] | None = None
-
-        def is_cheap(gains: Array) -> bool:
-            return found is None or bool(self.costs @ gains < self.costs @ found[0] * 1.000001)
-
-        if known:
-            best = max(range(len(known)), key=lambda k: self.costs @ known[k].gains)
-            columns = [list(each.duals) if k == best else [] for k, each in enumerate(known)]
-            found = np.max([each.gains for each in known], axis=0), self._named(blocks, columns)
-        shared = None
-        if known and blocks.agents > pinning.FEW_ROWS:
-            shared = pinning.solve_shared(blocks.tables, chosen, self.costs, self.caps)
-        if shared is not None and found is not None:
-            if is_cheap(shared.gains):
-                found = shared.gains, self._named(blocks, [[v] for v in shared.duals])
-            cost = float(self.costs @ shared.gains)
-            if cost - shared.bound <= CLOSE * cost:
-                return found[0].tolist(), found[1]
-        agents = np.flatnonzero(chosen)
-        if blocks.is_small:
-            program = pinning.solve_program(blocks, agents, self.costs, self.caps)
-            if program is not None and is_cheap(program.gains):
-                columns = [_factors(each, z=blocks.z) for each in program.duals]
-                return program.gains.tolist(), self._named(blocks, columns)
-        if found is None and not np.any(np.isfinite(self.caps)):
-            gains = pinning.smallest_gains(blocks, agents.tolist(), costs=self.costs.tolist())
-            return (None if gains is None else gains.tolist()), []
-        return (None, []) if found is None else (found[0].tolist(), found[1])
-
     def _free_rows(self, blocks: pinning.Blocks, chosen: Array) -> Any:
         """The rows that no gain without a cap holds."""
         return rows_of(np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps)), blocks.width)
@@ -234,15 +190,6 @@ def make_proposer(problem: Problem, request: PinningRequest, *, weighted: bool =
     caps = np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)])
     costs = np.array([float(c) for c in request.costs])
     return PinningProposer(problem=problem, blocks=blocks, costs=costs, caps=caps)
-
-
-def _factors(Z: Array, *, z: bool) -> list[Array]:
-    """Vectors with sum v v'/2 = Z, about; of a Z-matrix the one with the same diagonal, which is no worse."""
-    if z:
-        return [np.sqrt(np.maximum(2 * np.diag(Z), 0.0))]
-    values, vectors = np.linalg.eigh((Z + Z.T) / 2)
-    top = float(np.max(values, initial=0.0))
-    return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
 
 
 def greedy_set(

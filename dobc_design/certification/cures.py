@@ -23,11 +23,9 @@ from dobc_design.conditions.observer.decide import detectability_check, hurwitz_
 from dobc_design.conditions.observer.propose import design_gain
 from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
-from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale
-from dobc_design.exact.observability import decide_detectable
+from dobc_design.exact.matrix import Matrix, Vector, scale
 from dobc_design.problem.arrays import unreached
 from dobc_design.problem.changes import changed_problem, gain_table, typed_matrix, typed_number
-from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -38,7 +36,6 @@ RIVALS = 5
 FACTORS = (1.0, 1.01, 1.1, 2.0)  # by which gains are raised until they are proved to do
 LARGEST_LOOK = 60  # agents up to which one more pin is tried though the present ones do
 CHEAPER = 0.8  # part of the total from which another pin is worth a word
-BISECTIONS = 30
 
 Decide = Callable[[Problem], Sequence[Check]]
 
@@ -74,7 +71,7 @@ def with_cures(
         return tuple(checks)
     found: dict[str, Fix] = {}
     # Cures of W and P name keys that all agents share; those of the network are the same for groups.
-    for search in (_model_and_network,) if problem.is_grouped else (_model_and_network, _printed, _slower):
+    for search in (_model_and_network,) if problem.is_grouped else (_model_and_network, _printed):
         try:
             found |= search(problem, checks, findings, decide, progress)
         except (ArithmeticError, RuntimeError, ValueError) as error:
@@ -83,9 +80,9 @@ def with_cures(
 
 
 def _cured(check: Check, fix: Fix | None) -> Check:
-    wanted = check.verdict is Verdict.REFUTED or check.id in ("lemma1", "hurwitz")
-    if check.verdict is Verdict.PROVED:
-        wanted = fix is not None and fix.kind == "rate"
+    wanted = check.verdict is Verdict.REFUTED or (
+        check.verdict is Verdict.UNDECIDED and check.id in ("lemma1", "hurwitz")
+    )
     return replace(check, fix=fix) if fix is not None and wanted else check
 
 
@@ -343,32 +340,3 @@ def _printed(
         if cured.verdict is Verdict.PROVED:
             return {check.id: fix}
     return {}
-
-
-def _slower(
-    problem: Problem, checks: Sequence[Check], findings: Findings, decide: Decide, progress: Progress
-) -> dict[str, Fix]:
-    """The nearest rate of the observer that can be had, where the one asked for cannot."""
-    asked, exosystem = problem.observer.rate, problem.exosystem
-    if asked is None or exosystem is None or problem.observer.W is not None or _reaches(exosystem, asked):
-        return {}
-    if not any(check.id == "hurwitz" and check.verdict is Verdict.PROVED for check in checks):
-        return {}
-    low, high = Fraction(0), asked
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _reaches(exosystem, middle) else (low, middle)
-    for part in (Fraction(99, 100), Fraction(9, 10), Fraction(1, 2)):
-        rate = Fraction(f"{float(low * part):.2g}")
-        if rate > 0 and (W := design_gain(exosystem, rate=rate).W) is not None:
-            check = hurwitz_check(exosystem, W, estimate=float(rate) * (1 + 1e-9))
-            if check.verdict is Verdict.PROVED and check.rate is not None:
-                text = f"Ask for observer.rate = {_short(rate)}: a part of the exosystem that C does not see decays"
-                text += f" more slowly than the {_short(asked)} asked for, whatever W is."
-                return {"hurwitz": Fix(kind="rate", set={"observer.rate": typed_number(rate)}, text=text)}
-    return {}
-
-
-def _reaches(exosystem: Exosystem, rate: Fraction) -> bool:
-    shifted = add(exosystem.A, scale(rate, identity(exosystem.order)))
-    return decide_detectable(shifted, exosystem.C).verdict is Verdict.PROVED

@@ -15,10 +15,10 @@ from fractions import Fraction
 import numpy as np
 from scipy import sparse
 
+from dobc_design.conditions import numbers
 from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, network_blocks, smallest_gains
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
-from dobc_design.conditions.numbers import shorten
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import closed_groups
 from dobc_design.problem.problem import Problem
@@ -59,8 +59,7 @@ class PinProposal:
 def rounded_up(value: float | Fraction) -> Fraction:
     """The next number >= value > 0 with two significant digits, or three where two would ask for too much."""
     exact = Fraction(value)
-    exponent = math.floor(math.log10(exact.numerator) - math.log10(exact.denominator))
-    two, three = (math.ceil(exact / unit) * unit for unit in (Fraction(10) ** (exponent - k) for k in (1, 2)))
+    two, three = (numbers.rounded_up(exact, digits=digits) for digits in (2, 3))
     return two if two <= exact * ENOUGH else three
 
 
@@ -80,7 +79,7 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
         rate /= 2
         faster = smallest_gains(pinning.for_rate(blocks, rate), agents)
     if faster is not None:
-        own = shorten(NEARLY * rate, digits=2) if blocks.weighted else 0.0
+        own = numbers.shorten(NEARLY * rate, digits=2) if blocks.weighted else 0.0
         yield replace(proposal, gains=dict(enumerate(faster.tolist())), smallest=False, rate=own)
 
 

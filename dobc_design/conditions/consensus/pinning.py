@@ -36,11 +36,11 @@ PROGRAM_SIZE = 40_000  # squared rows of all blocks together
 ACCURACY = 1e-10  # of the conic program
 LARGE = 3000  # rows from which conjugate gradients go first, with
 ITERATIONS = 300  # steps at most
+ENOUGH = 1e-6  # of the cost: a bound this close leaves nothing to look for
 SINGULAR = 1e-11  # relative to the entries: smaller eigenvalues are not told from 0 here
 STEPS = 60  # of a bisection
 FEW_ROWS = 15  # up to which a conic program is the quicker way to shared gains
 ROWS = 5000  # agents up to which factors of sparse networks stay small
-FEW_PINS = 300  # up to which a dense Schur complement is multiplied, which is quicker than a solve
 DUAL_STEPS = 1500
 NEGATIVE = 1e-10  # relative to the entries: what counts as a gain below 0 there
 DENSE_PARTS, MANY_PINS = 200, 2000  # rows up to which all eigenvalues are computed; pins from which v is not balanced
@@ -87,6 +87,14 @@ class Optimum:
     bound: float = 0.0
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shared:
+    """Gains k (n,) that serve all blocks, and the vectors of every block that show how good they are."""
+
+    gains: Array
+    vectors: list[list[Array]]
+
+
 def network_blocks(problem: Problem, *, pins: bool = False, weighted: bool = False) -> Blocks | None:
     """Build the blocks of a problem, beta = 0; None if an entry is beyond the floats.  ``pins``: the present gains
     stay and are part of S, so that further ones come on top of them.  ``weighted``: for V with weights."""
@@ -129,22 +137,56 @@ def fastest_rate(blocks: Blocks, allowed: Collection[int]) -> float:
 
 
 def smallest_gains(blocks: Blocks, allowed: Collection[int], *, costs: Sequence[float] | None = None) -> Array | None:
-    """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None if none can do.  The
-    optimum of one Z-matrix, or of a solver while blocks are not too large; else gains that suffice."""
+    """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None if none can do."""
     weights = np.ones(blocks.agents) if costs is None else np.asarray(costs, dtype=np.float64)
-    chosen = np.isin(np.arange(blocks.agents), list(allowed))
-    found = valid_gains(blocks, chosen, weights) if blocks.z else None
-    if blocks.z and (found is None or len(blocks.tables) == 1 or blocks.weighted):
-        return found
     if not blocks.z and fastest_rate(blocks, allowed) <= 1e-9 * blocks.scale:
         return None
-    best = solve_shared(blocks.tables, chosen, weights) if blocks.z and blocks.agents > FEW_ROWS else None
-    if best is not None and (found is None or weights @ best.gains < weights @ found):
-        return best.gains
-    best = solve_program(blocks, np.flatnonzero(chosen), weights) if blocks.is_small else None
-    if best is not None and (found is None or weights @ best.gains < weights @ found):
-        return best.gains
-    return _alike(blocks, chosen) if found is None else found
+    found = cheapest_gains(blocks, np.isin(np.arange(blocks.agents), list(allowed)), weights)
+    return None if found is None else found.gains
+
+
+def cheapest_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
+    """The gains of least cost found on the ``chosen`` agents (n,): of one Z-matrix the closed form; of several their
+    dual, or a conic program while they are not too large; else gains that suffice.  None if none can do."""
+    single = [optimum(table, chosen, costs, caps) for table in blocks.tables] if blocks.z else []
+    known, found = [each for each in single if each is not None], None
+    if len(known) < len(single):
+        return None
+    if known:  # the largest gain of each agent serves all
+        best = max(range(len(known)), key=lambda k: costs @ known[k].gains)
+        vectors = [list(each.duals) if k == best and not blocks.weighted else [] for k, each in enumerate(known)]
+        found = Shared(gains=np.max([each.gains for each in known], axis=0), vectors=vectors)
+        if len(known) == 1 or blocks.weighted:
+            return found
+    shared = solve_shared(blocks.tables, chosen, costs, caps) if known and blocks.agents > FEW_ROWS else None
+    if shared is not None:
+        found = _cheaper(found, shared, [[v] for v in shared.duals], costs)
+        cost = float(costs @ shared.gains)
+        if cost - shared.bound <= ENOUGH * cost:
+            return found
+    program = solve_program(blocks, np.flatnonzero(chosen), costs, caps) if blocks.is_small else None
+    if program is not None:
+        return _cheaper(found, program, [_factors(each, z=blocks.z) for each in program.duals], costs)
+    if found is None and (caps is None or not np.any(np.isfinite(caps))):
+        gains = _alike(blocks, chosen)
+        found = None if gains is None else Shared(gains=gains, vectors=[[] for _ in blocks.tables])
+    return found
+
+
+def _cheaper(found: Shared | None, other: Optimum, vectors: list[list[Array]], costs: Array) -> Shared:
+    """The cheaper gains; where they cost about the same, the vectors of all blocks."""
+    if found is None or costs @ other.gains < costs @ found.gains:
+        return Shared(gains=other.gains, vectors=vectors)
+    return replace(found, vectors=vectors) if costs @ other.gains < costs @ found.gains * 1.000001 else found
+
+
+def _factors(Z: Array, *, z: bool) -> list[Array]:
+    """Vectors with sum v v'/2 = Z, about; of a Z-matrix the one with the same diagonal, which is no worse."""
+    if z:
+        return [np.sqrt(np.maximum(2 * np.diag(Z), 0.0))]
+    values, vectors = np.linalg.eigh((Z + Z.T) / 2)
+    top = float(np.max(values, initial=0.0))
+    return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
 
 
 def valid_gains(blocks: Blocks, chosen: Any, weights: Array) -> Array | None:
@@ -382,13 +424,11 @@ def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if there are none.
-    ``whole``: its Schur complement on the pins, where they are few enough for a dense one."""
+    """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if there are none."""
 
     own: Any
     across: Any
     factor: Any
-    whole: Array | None
 
     def follow(self, v: Array) -> Array:
         """v on the other agents, where S v is 0."""
@@ -396,8 +436,6 @@ class _Block:
 
     def flow(self, v: Array) -> Array:
         """S v on the pinned agents."""
-        if self.whole is not None:
-            return np.asarray(self.whole @ v)
         flow = self.own @ v
         return np.asarray(flow if self.factor is None else flow + self.across @ self.follow(v))
 
@@ -464,10 +502,4 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimu
 def _split(table: Any, pins: Any, others: Any) -> _Block:
     rows = sparse.csr_array(table)[pins]
     factor = splu(sparse.csc_array(table[others][:, others]), **SYMMETRIC) if len(others) else None
-    own, across = rows[:, pins], rows[:, others]
-    whole = None
-    if len(pins) <= FEW_PINS:
-        whole = own.toarray()
-        if factor is not None:
-            whole -= across @ factor.solve(across.T.toarray())
-    return _Block(own=own, across=across, factor=factor, whole=whole)
+    return _Block(own=rows[:, pins], across=rows[:, others], factor=factor)

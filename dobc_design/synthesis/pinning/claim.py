@@ -289,4 +289,4 @@ def _down(value: Fraction) -> str:
 
 
 def _up(value: Fraction) -> str:
-    return f"{float_above(value) * (1 + 1e-6):.6g}"
+    return f"{float(rounded_up(value, digits=6)):.6g}"

@@ -25,7 +25,7 @@ from dobc_design.errors import SpecError
 from dobc_design.problem.changes import changed_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.synthesis.pinning.claim import read_request
+from dobc_design.synthesis.pinning.claim import _up, read_request
 from dobc_design.synthesis.pinning.decide import Ground, limit_of, reaches, slow_direction, structure_of, too_fast
 from dobc_design.synthesis.pinning.propose import make_proposer, slow_directions
 from dobc_design.verdict import Verdict
@@ -285,6 +285,11 @@ def test_the_structural_minimum_is_the_smallest_hitting_set(seed):
     least = next(len(chosen) for chosen in sets if all(chosen & set(group) for group in structure.groups))
     assert (structure.least, structure.exact) == (least, True)
     assert all(set(structure.agents) & set(group) for group in structure.groups)
+
+
+def test_prices_that_are_upper_bounds_are_rounded_up():
+    """To the nearest six digits 1.234562 would become 1.23456."""
+    assert (_up(Fraction("1.234562")), _up(Fraction("1/8")), _up(Fraction(0))) == ("1.23457", "0.125", "0")
 
 
 def test_ties_are_told(cycle):

@@ -14,7 +14,7 @@ from margins_cases import REGION, SEEN, one, two
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
-from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.problem import Problem
 
 Change = Callable[[Any, Any], None]
@@ -34,7 +34,7 @@ def bent(problem: Problem, name: str, *changes: Change, code: int = FAILS) -> Ca
     check = next(each for each in claims["checks"] if each["id"] == "accuracy")
     for change in changes:
         change(check, document)
-    data = json.dumps(document).encode()
+    data = canonical_bytes(problem_from_canonical(json.dumps(document).encode()))
     claims["problem_sha256"] = hashlib.sha256(data).hexdigest()
     return Case(f"accuracy {name}", json.dumps(claims).encode(), data, code)
 

@@ -61,10 +61,10 @@ ITEMS = (
     Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=20),
     Item(name="tolerances", run=margins.tolerances, count=1000, seed=12_000),
     Item(name="inputs", run=margins.inputs, count=10_000, seed=12_000),
-    Item(name="kills", run=robustness.kills, count=200, seed=8000, share=100),
+    Item(name="kills", run=robustness.kills, count=200, seed=8000, share=50),
     Item(name="writers", run=robustness.writers, count=200, seed=8000, share=20),
-    Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=30),
-    Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=60),  # the count is seconds of CPU time
+    Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=15),
+    Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=30),  # the count is seconds of CPU time
     Item(name="agreement", run=agreement.run, count=400, seed=8500, share=40),
     Item(name="cures", run=certificates.cures, count=500, seed=8000, share=100),
     Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),

@@ -39,6 +39,7 @@ _LONG = (
     "06_from_grid",
     "07_infeasible",
     "08_sweep",
+    "09_from_paper",
 )
 
 

@@ -12,14 +12,17 @@ from fractions import Fraction
 from typing import Final
 
 from dobc_design._show.text import visible
+from dobc_design.conditions.accuracy import claim as accuracy
 from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.consensus import claim as consensus
 from dobc_design.conditions.equilibrium import claim as equilibrium
+from dobc_design.conditions.margins import claim as margins
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.claim import SamplingBound
+from dobc_design.conditions.weighted import claim as weighted
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
@@ -58,10 +61,13 @@ class Claims:
 READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]]] = {
     "consensus": consensus.read_claim,
     "separable": separable.read_claim,
+    "margins": margins.read_claim,
+    "weighted": weighted.read_claim,
     "quadratic": quadratic.read_claim,
     "boxes": boxes.read_claim,
     "schedule": schedule.read_claim,
     "equilibrium": equilibrium.read_claim,
+    "accuracy": accuracy.read_claim,
 }
 
 

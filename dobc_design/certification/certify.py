@@ -21,6 +21,7 @@ from dobc_design.certificate.text import writable
 from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import Recheck, agreed, verify_twice
+from dobc_design.conditions.accuracy.stage import accuracy_stage
 from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.check import Check, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
@@ -29,7 +30,9 @@ from dobc_design.conditions.consensus.claim import Pair, Statements, state_theor
 from dobc_design.conditions.consensus.decide import Proposal
 from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
-from dobc_design.conditions.coverage import Asked, Progress, covers, read_region
+from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_region
+from dobc_design.conditions.linearisation.stage import linearisation_stage
+from dobc_design.conditions.margins.stage import is_asked, margins_stage
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
@@ -37,6 +40,7 @@ from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, settle, settling_stage
 from dobc_design.conditions.separable.stage import separable_stage
+from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import Number, number_text
@@ -79,7 +83,7 @@ def certify(
     Example:
         >>> certificate = dd.certify("clock-sync")
         >>> certificate.verdict.value, certificate.covered_by
-        ('proved', 'theorem1')
+        ('proved', 'theorem1-weighted')
     """
     problem = load_problem(problem)
     report = report_to(progress)
@@ -101,6 +105,7 @@ def certify(
         checks += tuple(region_checks(problem, W, checks, domain=domain, everything=everything, report=report))
         if tolerance is not None or (everything and problem.region is not None):
             checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
+        checks += tuple(accuracy_stage(problem, W, checks, domain=domain, report=report))
         checks += tuple(other_equilibria(problem, W, checks, report=report))
         checks = tuple(writable(check, domain) for check in checks)
         overall = decide_overall(problem, checks, W)
@@ -167,19 +172,22 @@ def region_checks(
 ) -> list[Check]:
     """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are
     for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.  Of linear
-    couplings the same holds from every start, which may decide a question without a region."""
+    couplings the same holds from every start, which may decide a question without a region.  Last, what it leaves room
+    for: [uncertainty] and [actuators]."""
     known = any(covers(problem, check, checks) for check in checks)
     if problem.region is None and not known:
-        known = domain != "global" or decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
-    if known and not everything:
-        return []
+        known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
+        if not (known or everything or domain == "global") and len(problem.network.modes) > 1:
+            asked = read_region(problem, W, domain=domain, everything=False)
+            return separable_stage(replace(asked, radius=NEAR, disturbance=NEAR * (W is not None)), report)
+        known = known or domain != "global"
     asked = read_region(problem, W, domain=domain, everything=everything)
     found: list[Check] = []
-    for stage in STAGES:
+    for stage in STAGES if everything or not known else STAGES[: is_asked(asked)]:
         found += stage(asked, report)
         if not everything and any(covers(problem, check, found) for check in found):
             break
-    return found
+    return found + margins_stage(asked, found, report)
 
 
 def other_equilibria(
@@ -226,6 +234,8 @@ def decide(problem: Problem, report: Progress) -> Decided:
     checks = (*(reachability_check(problem, mode) for mode in problem.network.modes), *lemmas)
     exosystem = problem.joint_exosystem
     if exosystem is None:
+        checks += tuple(weighted_stage(statements, None))
+        checks += tuple(linearisation_stage(problem, statements, checks, None))
         return Decided(checks=checks, statements=statements, directions=run.found)
     report("deciding the observer")
     designs = design_gains(problem)
@@ -233,8 +243,9 @@ def decide(problem: Problem, report: Progress) -> Decided:
     first = run.observer_checks(gains)
     report("deciding the theorem")
     theorems, pair, how = run.theorem_checks(exosystem, gains, lemmas, first)
+    checks = (*first, *checks, *theorems, *weighted_stage(statements, join(gains)))
     return Decided(
-        checks=(*first, *checks, *theorems),
+        checks=(*checks, *linearisation_stage(problem, statements, checks, join(gains))),
         statements=statements,
         directions=run.found,
         designs=designs,

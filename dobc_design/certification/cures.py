@@ -18,13 +18,14 @@ from dobc_design.conditions.consensus.cures import PinProposal, rounded_up
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import Directions, carriers, is_negative, name_agents, unpinned_witness
 from dobc_design.conditions.coverage import Progress
-from dobc_design.conditions.numbers import shorten
+from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, too_large
 from dobc_design.conditions.observer.propose import design_gain
-from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale
-from dobc_design.exact.observability import decide_detectable
+from dobc_design.conditions.weighted.decide import network_holds, why_not
+from dobc_design.conditions.weighted.propose import network_claim
+from dobc_design.exact.matrix import Matrix, Vector, scale
+from dobc_design.problem.arrays import unreached
 from dobc_design.problem.changes import changed_problem, gain_table, typed_matrix, typed_number
-from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -35,7 +36,6 @@ RIVALS = 5
 FACTORS = (1.0, 1.01, 1.1, 2.0)  # by which gains are raised until they are proved to do
 LARGEST_LOOK = 60  # agents up to which one more pin is tried though the present ones do
 CHEAPER = 0.8  # part of the total from which another pin is worth a word
-BISECTIONS = 30
 
 Decide = Callable[[Problem], Sequence[Check]]
 
@@ -71,7 +71,7 @@ def with_cures(
         return tuple(checks)
     found: dict[str, Fix] = {}
     # Cures of W and P name keys that all agents share; those of the network are the same for groups.
-    for search in (_model_and_network,) if problem.is_grouped else (_model_and_network, _printed, _slower):
+    for search in (_model_and_network,) if problem.is_grouped else (_model_and_network, _printed):
         try:
             found |= search(problem, checks, findings, decide, progress)
         except (ArithmeticError, RuntimeError, ValueError) as error:
@@ -80,9 +80,9 @@ def with_cures(
 
 
 def _cured(check: Check, fix: Fix | None) -> Check:
-    wanted = check.verdict is Verdict.REFUTED or check.id in ("lemma1", "hurwitz")
-    if check.verdict is Verdict.PROVED:
-        wanted = fix is not None and fix.kind == "rate"
+    wanted = check.verdict is Verdict.REFUTED or (
+        check.verdict is Verdict.UNDECIDED and check.id in ("lemma1", "hurwitz")
+    )
     return replace(check, fix=fix) if fix is not None and wanted else check
 
 
@@ -95,7 +95,8 @@ def _model_and_network(
     if model is not None:
         found["hurwitz"] = model
     network = None
-    if any(check.id == "lemma1" and check.verdict is not Verdict.PROVED for check in checks):
+    failed = any(check.id == "lemma1" and check.verdict is not Verdict.PROVED for check in checks)
+    if failed and not _held_with_weights(problem, findings.statements):
         progress("looking for a cure")
         network = _network_fix(problem, findings, progress)
         if network is not None:
@@ -111,9 +112,21 @@ def _model_and_network(
 
 
 def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
-    """Whether the theorem is proved; without an exosystem, Lemma 1 in every mode."""
+    """Whether the theorem is proved, with weights or without; without an exosystem, Lemma 1 in every mode."""
+    if any(
+        check.id in ("theorem1-weighted", "theorem2-weighted") and check.verdict is Verdict.PROVED for check in checks
+    ):
+        return True
     ids = ("theorem1", "theorem2") if problem.groups else ("lemma1",)
     return {check.verdict for check in checks if check.id in ids} == {Verdict.PROVED}
+
+
+def _held_with_weights(problem: Problem, statements: Statements, *, rate: float = 0.0) -> bool:
+    """Whether weights of V are proved to do for the network alone: then no pin and no gain is missing."""
+    if why_not(statements) is not None or any(unreached(problem, [arcs]) for arcs in problem.network.modes.values()):
+        return False
+    claim = network_claim(problem, rate)
+    return claim is not None and network_holds(claim, statements, rate=claimed(rate))
 
 
 def _merged(fixes: Sequence[Fix]) -> Fix | None:
@@ -152,7 +165,8 @@ def _model_parts(problem: Problem) -> list[Fix]:
 
 
 def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fix | None:
-    """The cheapest pins and gains that are proved to give Lambda < 0 in every mode."""
+    """The cheapest pins and gains that are proved to hold the network: with weights of V for one mode and rising
+    couplings, else with Lambda < 0 in every mode."""
     present = list(_proved(problem, cures.on_present_pins(problem)))
     if present:
         other = None
@@ -162,7 +176,11 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
         cheaper = other is not None and other.total < CHEAPER * present[0].total
         return _pin_fix(problem, present[0], faster=present[1:], other=other if cheaper else None)
     held_back = None
-    if problem.pinning.agents:
+    apart = {agent for group in cures.groups_without_pin(problem) for agent in group}
+    if problem.pinning.agents and apart and why_not(findings.statements) is None and len(problem.network.modes) == 1:
+        rows = (Fraction(row // problem.m in apart) for row in range(problem.n * problem.m))
+        held_back = next(iter(problem.network.modes)), tuple(rows)
+    elif problem.pinning.agents:
         matrices = {mode: enclosed_lambda(findings.statements, mode) for mode in findings.statements.lambdas}
         held_back = unpinned_witness(problem, matrices, findings.directions)
     for search in (cures.one_more, cures.several_more):
@@ -179,12 +197,14 @@ def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fi
 
 
 def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Accepted]:
-    """The proposals for which Lambda < 0 is proved in every mode, with the rounded gains that do."""
+    """The proposals for which Lambda < 0 is proved in every mode, or weights of V, with the rounded gains that do."""
     for proposal in proposals:
         for factor in FACTORS:
             accepted = Accepted(proposal=proposal, gains=proposal.rounded(factor=factor))
-            statements = state_theorems(changed_problem(problem, _gain_changes(problem, accepted)))
-            if all(is_negative(enclosed_lambda(statements, mode)) for mode in statements.lambdas):
+            cured = changed_problem(problem, _gain_changes(problem, accepted))
+            statements = state_theorems(cured)
+            plain = all(is_negative(enclosed_lambda(statements, mode)) for mode in statements.lambdas)
+            if (plain and not proposal.rate) or _held_with_weights(cured, statements, rate=proposal.rate):
                 yield accepted
                 break
 
@@ -260,10 +280,14 @@ def _task(problem: Problem, accepted: Accepted, *, minimum: Accepted | None) -> 
         s = "s" if len(pins) > 1 else ""
         head = f"Change the gain{s} of the present pin{s}: {_gains(problem, gains)}"
     head += (f" (in total {_short(accepted.total)})" if plural else "") + _none(problem, accepted)
+    if proposal.rate:
+        aim = f"a decay rate of at least {proposal.rate:.2g} 1/s near the target (V = e'De, a weight for each agent)"
+        return f"{head}. Recommended: {aim}. Smaller gains do as well."
     if minimum is not None:
-        return f"{head}. Recommended: half of the maximum decay rate. Minimum: {_gains(problem, minimum.gains)}."
+        least = f"Minimum with V = e'e: {_gains(problem, minimum.gains)}"
+        return f"{head}. Recommended: half of the maximum decay rate. {least}."
     if proposal.smallest:
-        return f"{head}. Minimum: smaller gains do not suffice."
+        return f"{head}. Minimum with V = e'e: smaller gains do not suffice."
     return f"{head}. Recommended: half of the maximum decay rate. Smaller gains do as well."
 
 
@@ -316,32 +340,3 @@ def _printed(
         if cured.verdict is Verdict.PROVED:
             return {check.id: fix}
     return {}
-
-
-def _slower(
-    problem: Problem, checks: Sequence[Check], findings: Findings, decide: Decide, progress: Progress
-) -> dict[str, Fix]:
-    """The nearest rate of the observer that can be had, where the one asked for cannot."""
-    asked, exosystem = problem.observer.rate, problem.exosystem
-    if asked is None or exosystem is None or problem.observer.W is not None or _reaches(exosystem, asked):
-        return {}
-    if not any(check.id == "hurwitz" and check.verdict is Verdict.PROVED for check in checks):
-        return {}
-    low, high = Fraction(0), asked
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if _reaches(exosystem, middle) else (low, middle)
-    for part in (Fraction(99, 100), Fraction(9, 10), Fraction(1, 2)):
-        rate = Fraction(f"{float(low * part):.2g}")
-        if rate > 0 and (W := design_gain(exosystem, rate=rate).W) is not None:
-            check = hurwitz_check(exosystem, W, estimate=float(rate) * (1 + 1e-9))
-            if check.verdict is Verdict.PROVED and check.rate is not None:
-                text = f"Ask for observer.rate = {_short(rate)}: a part of the exosystem that C does not see decays"
-                text += f" more slowly than the {_short(asked)} asked for, whatever W is."
-                return {"hurwitz": Fix(kind="rate", set={"observer.rate": typed_number(rate)}, text=text)}
-    return {}
-
-
-def _reaches(exosystem: Exosystem, rate: Fraction) -> bool:
-    shifted = add(exosystem.A, scale(rate, identity(exosystem.order)))
-    return decide_detectable(shifted, exosystem.C).verdict is Verdict.PROVED

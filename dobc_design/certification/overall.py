@@ -60,7 +60,8 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
     refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
     for check in refuting if region is None or _target_is_interior(problem) else ():
         if isinstance(check.claim, Unstable) and check.claim.roots:
-            text = f"Consensus fails: in mode {check.mode} the linearisation at the target is unstable"
+            where = "" if check.mode is None else f"in mode {check.mode} "
+            text = f"Consensus fails: {where}the linearisation at the target is unstable"
             return text + f" ({check.claim.roots} eigenvalue(s) with positive real part)."
     # Without a region the question is about every neighbourhood of the target, and this one is some way off.
     resting = [check.reason for check in refuting if check.id == "equilibrium" and region is not None]
@@ -110,7 +111,8 @@ def _target_is_interior(problem: Problem) -> bool:
 def _proved_reason(problem: Problem, check: Check) -> str:
     switching = " under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
     pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s" if check.rate else ""
-    which = {"global": "", "consensus": " close enough to it"}.get(str(check.domain), " in the region")
+    elsewhere = " in the region" if problem.region is not None else f" with {_domain_in_words(check)}"
+    which = {"global": "", "consensus": " close enough to it"}.get(str(check.domain), elsewhere)
     local = " The proof is local: it states no radius." if check.domain == "consensus" else ""
     return f"All agents reach the target from every start{which}{switching}{pace}.{local}"
 
@@ -156,7 +158,7 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
     complete = [c for c in local if c.id != "lemma1"] if problem.groups else local
     if complete and problem.region is not None:
         return f"Undecided: consensus is proved near the target only, and the region asked for is larger. {ALONE}"
-    ids = ("detectability", "hurwitz", "theorem2", "theorem1", "lemma1")
+    ids = ("detectability", "hurwitz", "theorem2-weighted", "theorem2", "theorem1", "lemma1")
     unproved = [check for check in checks if check.id in ids and check.verdict is not Verdict.PROVED]
     first = min(unproved, key=lambda check: ids.index(check.id), default=None)
     return f"Undecided: {'no condition that applies covers what is asked.' if first is None else first.reason}"

@@ -14,16 +14,20 @@ from dobc_design.certificate.claims import Claims, claim_of
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.overall import decide_overall
 from dobc_design.checker import examine as checker
+from dobc_design.conditions.accuracy import decide as accuracy
 from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, same_witness, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
 from dobc_design.conditions.equilibrium import decide as equilibrium
+from dobc_design.conditions.linearisation import decide as linearisation
+from dobc_design.conditions.margins import decide as margins
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
 from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
+from dobc_design.conditions.weighted import decide as weighted
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
@@ -39,6 +43,7 @@ REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
     "boxes": boxes.confirm,
     "schedule": schedule.confirm,
     "equilibrium": equilibrium.confirm,
+    "accuracy": accuracy.confirm,
 }
 #: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in its findings.
 PROMPT_ARCS: Final = 2000
@@ -252,8 +257,14 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
         return None if all(part is None for part in claims) else "an undecided check must claim nothing"
     if check.kind.topic == "observer":
         return observer.confirm(check, problem, W)
+    if check.kind.topic == "linearisation":
+        return linearisation.confirm(check, trusted.statements, W)
+    if check.kind.topic == "weighted":
+        return weighted.confirm(check, problem, W, statements=trusted.statements)
     if check.kind.topic == "separable":
         return separable.confirm(check, problem, W, domain=domain, proof=trusted.separable)
+    if check.kind.topic == "margins":
+        return margins.confirm(check, problem, W, domain=domain, proof=trusted.separable)
     if check.kind.topic in REGIONAL:
         return REGIONAL[check.kind.topic](check, problem, W, domain=domain)
     refutes = check.verdict is Verdict.REFUTED and check.id in ("theorem1", "theorem2")

@@ -31,7 +31,7 @@ from .matrices import (
     transpose,
     unstable,
 )
-from .reading import direction, need, rational, read, same, text, weights
+from .reading import an_object, direction, matrix, need, rational, read, same, text, weights
 
 Fact = tuple[bool, Any, Any]  # whether it is so, the exact value that stands there, and the witness if it is not so
 
@@ -211,6 +211,50 @@ def room(case: Certificate, mode: str) -> Fraction | None:
     need(type(lemma.exact["v"]) is dict, "the vector is no block of doubles")
     rows = enumerate(p.bounds[mode])
     return min(sum((-abs(x) * v[j] for j, x in row.items() if j != i), -row[i] * v[i]) / v[i] for i, row in rows)
+
+
+def weighted(case: Certificate, check: Any) -> None:
+    """V = e'De + sum eps_i'P eps_i decreases at the rate: in every mode N w > 0 for N = D M + M'D - 2 rate D - s D^2, M
+    = K - J, which has no positive entry beside the diagonal; s is the largest row sum of the agent's block of S."""
+    p, b, m = case.problem, check.rate or ZERO, case.problem.m
+    size = p.n * m
+    need(not p.kinked, "a coupling has a kink, so the theorem does not apply")
+    need(check.verdict == "proved" and check.witness is None, "it is proved, without a witness, or undecided")
+    need(check.margin is None and (check.rate is None or b > 0), "it claims a margin, or a rate that is not positive")
+    known = partial(weights, size)
+    claim = read(check.exact, {"D": known, "w": an_object} | ({"P": matrix(p.q, p.q)} if p.q else {}))
+    need(set(claim.w) == set(p.modes), "there is no vector for each mode")
+    if p.q:
+        parts(p, claim.P, 0)
+    need(not p.q or (transpose(claim.P) == claim.P and definite(claim.P)), "P > 0 is not shown")
+    S = schur(case, claim.P, b) if p.q else []
+    worst = [max(sum(map(abs, row)) for row in p.block(S, i)) if S else ZERO for i in range(p.n)]
+    for mode in p.modes:
+        D, w = claim.D, [*known(claim.w[mode]), ZERO]
+        left = [-(2 * b + worst[i // m] * D[i]) * D[i] * w[i] for i in range(size)] + [ZERO]
+        for i, j, own, (lo, hi) in p.terms(mode):
+            need(own == i or lo == hi == 0, "a coupling or a gain mixes components")
+            need(lo >= 0, "a slope or a gain is negative")
+            pull = 2 * w[i] - w[j]
+            left[i] += D[i] * pull * (lo if pull > 0 else hi) if own == i else 0
+            left[j] -= D[i] * hi * w[i] if own == i else 0
+        need(min(left[:size]) > 0, "the weights do not show it")
+
+
+def linearisation(case: Certificate, check: Any) -> None:
+    """J - K (of one mode) and A - W C have all eigenvalues left of minus the rate, or J - K has some right of 0."""
+    p, b = case.problem, check.rate or ZERO
+    need(not p.kinked and len(p.modes) == 1, "it is about a smooth loop with one mode")
+    need(check.margin is None and check.witness is None and (check.rate is None or b > 0), "it claims something else")
+    (X,) = map(p.jacobian, p.modes)
+    if check.verdict == "proved":
+        need(check.exact is None, "it claims exact values")
+        need(stable(plus(X, 1, identity(len(X), b))), "J - K + rate I is not Hurwitz")
+        need(not p.q or stable(closed(p, case.W, b)), "A - W C + rate I is not Hurwitz")
+    else:
+        count = read(check.exact, {"unstable_roots": rational}).unstable_roots
+        need(check.rate is None and count.denominator == 1 and count > 0, "it is refuted by a number of roots")
+        need(unstable(X, int(count)), "unstable roots are not shown")
 
 
 # --- Lemma 1 and the theorems: refutations ----------------------------------------------------------------------------

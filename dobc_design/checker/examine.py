@@ -5,8 +5,10 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
-from .consensus import OF_GROUPS, closed, consensus, fact, observable, observer, takes_long
+from .accuracy import accuracy
+from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
 from .files import Certificate, Problem
+from .margins import actuators, tolerance
 from .matrices import product, stable
 from .quadratic import exhaustive, lure
 from .reading import MAX_BYTES, Refused, need, rational
@@ -21,10 +23,13 @@ REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
     "max-separable": max_separable,
     "delay": delay,
     "sampling": sampling,
+    "tolerance": tolerance,
+    "actuators": actuators,
     "equilibrium": equilibrium,
     "lure": lure,
     "exhaustive": exhaustive,
     "settling": settling,
+    "accuracy": accuracy,
 }
 
 
@@ -66,7 +71,8 @@ def completeness(case: Certificate) -> None:
     wanted += [(id, None, group) for id in OF_GROUPS for group in p.names]
     wanted += [(case.theorem, None, None)] * (p.q > 0) + [(case.theorem + "-printed", None, None)] * (p.P is not None)
     found = [(check.id, check.mode, check.group) for check in case.checks]
-    need(set(found) <= {*wanted, *((id, None, None) for id in REGIONAL)}, "there is a check that nobody asked for")
+    more = (*REGIONAL, case.theorem + "-weighted", "linearisation")
+    need(set(found) <= {*wanted, *((id, None, None) for id in more)}, "there is a check that nobody asked for")
     need(len(set(found)) == len(found), "a check stands there twice")
     need(set(wanted) <= set(found), "a check is missing")
 
@@ -81,7 +87,8 @@ def confirm(case: Certificate, check: Any) -> None:
         need(claimed == (None,) * 4, "it is undecided and claims something")
     else:
         need(check.verdict in ("proved", "refuted"), "the verdict is none of proved, refuted and undecided")
-        (regional if about_region else fact if check.id in FACTS else consensus)(case, check)
+        named = {**dict.fromkeys(FACTS, fact), case.theorem + "-weighted": weighted, "linearisation": linearisation}
+        (regional if about_region else named.get(check.id, consensus))(case, check)
 
 
 def regional(case: Certificate, check: Any) -> None:
@@ -117,12 +124,16 @@ def overall(case: Certificate) -> None:
 def covers(case: Certificate, check: Any) -> bool:
     """True if what is proved holds from all starts that are asked for (lemma1: in its mode)."""
     p, domain = case.problem, check.domain
-    if check.id in ((case.theorem, case.theorem + "-printed") if p.q else ("lemma1",)):
+    local = (case.theorem, case.theorem + "-printed") if p.q else ("lemma1",)
+    if check.id in (*local, case.theorem + "-weighted", "linearisation"):
         return p.region is None or p.domain == "global"
-    if check.id not in ("max-separable", "lure", "exhaustive") or (p.region is None and domain != "global"):
+    if check.id not in ("max-separable", "lure", "exhaustive"):
         return False
     if type(domain) is str:
         return bool(domain == "global")
+    if p.region is None:  # a box around the target answers the local question of several modes
+        near = domain.radius > 0 and (not p.q or domain.disturbance > 0)
+        return bool(check.id == "max-separable" and len(p.modes) > 1 and near)
     sides = enumerate(p.region.initial_states)
     farthest = [max(abs(end - goal[c]) for goal in p.goals for end in side) for c, side in sides]
     square = max(farthest) ** 2 if domain.kind == "box" else p.n * sum(side**2 for side in farthest)
@@ -143,4 +154,5 @@ def refuted(case: Certificate) -> bool:
         return True
     sides = [] if p.region is None else p.region.initial_states
     inside = (lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
-    return all(inside) and any(rational(check.exact["unstable_roots"]) > 0 for check in found if check.id == "lemma1")
+    rooted = (check.exact for check in found if check.id in ("lemma1", "linearisation"))
+    return all(inside) and any(rational(exact["unstable_roots"]) > 0 for exact in rooted)

@@ -25,6 +25,7 @@ from .reading import (
     matrix,
     maybe,
     need,
+    one_of,
     rational,
     read,
     short,
@@ -54,7 +55,7 @@ class Problem:
         need(1 <= m <= 100, "the dimension is not between 1 and 100")
 
         agent = partial(index, n)
-        shape = dict.fromkeys(("version", "labels", "dimension", "switching", "simulation")) | {
+        shape = dict.fromkeys(("version", "labels", "dimension", "switching")) | {
             "format": text,
             "name": text,
             "notes": [text],
@@ -65,10 +66,15 @@ class Problem:
             "exosystem": maybe(an_object),
             "offsets": [(agent, (rational,) * m)],
             "observer": {"W": None, "P": None, "rate": maybe(rational)},
+            "uncertainty?": dict.fromkeys(("weights", "gains", "disturbance", "drift", "measurement"), rational)
+            | {"known_to_agents": partial(one_of, (bool,))},
+            "actuators?": {"limit": self.read_limit, "amplitude": maybe(rational)},
+            "simulation": an_object,
             "region": maybe({"initial_states": matrix(m, 2), "initial_disturbance": maybe(rational)}),
         }
         file = read(source, shape)
         self.name, self.notes, self.region = file.name, file.notes, file.region
+        self.uncertainty, self.actuators, self.simulation = file.uncertainty, file.actuators, file.simulation
         self.gains: dict[int, Matrix] = dict(file.gains)
         offsets = dict(file.offsets)
         self.goals = [plus([file.target], 1, [offsets.get(i, [ZERO] * m)])[0] for i in range(n)]
@@ -98,6 +104,12 @@ class Problem:
     def read_h(self, value: Any) -> tuple[str, ...]:
         """One expression, or one per component."""
         return (value,) if type(value) is str else tuple(read(value, (text,) * self.m))
+
+    def read_limit(self, value: Any) -> dict[int, Fraction]:
+        """The limits of the inputs: one for all agents, or one for some."""
+        each = value if type(value) is dict else {} if value is None else dict.fromkeys(self.labels, value)
+        need(set(each) <= set(self.labels), "there is no such agent")
+        return {self.labels.index(label): rational(limit) for label, limit in each.items()}
 
     # --- exosystems
     def read_groups(self, exosystem: Any, observer: Any) -> list[Any]:
@@ -135,10 +147,11 @@ class Problem:
         return [row[k : k + self.m] for row in S[k : k + self.m]]
 
     # --- gains
-    def least_gain(self, i: int) -> Fraction:
-        """The least of k_cc - sum over d != c of |k_cd|, 0 without a pin."""
-        k = self.gains.get(i, [])
-        return min((row[c] - sum(map(abs, row[:c] + row[c + 1 :])) for c, row in enumerate(k)), default=ZERO)
+    def least_gain(self, i: int, error: Fraction = ZERO) -> Fraction:
+        """The least of k_cc - sum over d != c of |k_cd|, 0 without a pin; for all relative errors of the entries."""
+        k, sides = self.gains.get(i, []), (1 - error, 1 + error)
+        rows = ((row[c], sum(map(abs, row[:c] + row[c + 1 :]))) for c, row in enumerate(k))
+        return min((sides[0] * own - sides[1] * others for own, others in rows), default=ZERO)
 
     def largest_gain(self, i: int) -> Fraction:
         """The largest k_cc, 0 without a pin."""

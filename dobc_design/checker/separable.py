@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from .consensus import omega
 from .expressions import Coupling, variables
 from .files import Arc, Certificate, Problem
-from .intervals import NOTHING, ONE, Floats, added, by_decimal, dot, enclosed, hull, negative, times, total
+from .intervals import NOTHING, ONE, Exact, Floats, added, by_decimal, dot, enclosed, hull, negative, times, total
 from .matrices import ZERO, Matrix, definite, echelon, identity, integers, nonnegative, plus, product, transpose
 from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read, same, short, text, weights
 
@@ -146,9 +146,9 @@ def below(a: float, b: float, at: Callable[[float], float], slope: Floats) -> bo
     return total([*lines, times(times((-low, -low), (high, high)), added((b, b), (-a, -a)))])[1] <= 0  # where they meet
 
 
-def throughout(rho: float, settled: Callable[[float, float], bool]) -> bool:
-    """Cut (0, rho] until every piece is settled."""
-    left, done = [(0.0, rho)], 0
+def throughout(rho: float, settled: Callable[[float, float], bool], start: float = 0.0) -> bool:
+    """Cut (0, rho], or [start, rho], until every piece is settled."""
+    left, done = [(start, rho)], 0
     while left:
         a, b = left.pop()
         middle, done = (a + b) / 2, done + 1
@@ -247,20 +247,27 @@ class Row(NamedTuple):
     terms: tuple[tuple[Coupling, Fraction, int], ...]
 
 
-def rows(case: Certificate, claim: Any, alpha: Fraction, theta: Fraction) -> None:
-    """Both faces of all rows, equal ones once; v_j counts theta times."""
+def rows(
+    case: Certificate, claim: Any, alpha: Fraction, theta: Fraction, errors: Exact = (ZERO, ZERO), local: bool = False
+) -> None:
+    """Both faces of all rows, equal ones once; v_j counts theta times.  ``errors``: relative ones of all weights and
+    gains; ``local``: for slopes at the target."""
     p, (v, bottom) = case.problem, integers(claim.v)
     tops, bottom = [theta.numerator * x for x in v], theta.denominator * bottom
     found: dict[Row, int] = {}
     for i, heard in ((i, heard[i]) for heard in p.heard.values() for i in range(p.n)):
         own = v[i] * theta.denominator
         terms = sorted(((arc.coupling, arc.w, tops[arc.j]) for arc in heard), key=lambda term: (term[0].h, *term[1:]))
-        found.setdefault(Row(own, (p.least_gain(i) - alpha) * own, tuple(terms)), i)
+        found.setdefault(Row(own, (p.least_gain(i, errors[1]) - alpha) * own, tuple(terms)), i)
 
     curves = tables(claim, ((h, row.own, top) for row in found for h, _, top in row.terms), bottom, False)
     for row, i in found.items():
-        curved = (claim.rho is not None and curved_row(row, bottom, claim.rho, curves, face) for face in (False, True))
-        need(linear_row(row) or all(curved), f"the row of agent {p.labels[i]} is not shown")
+        faces = (False, True) if claim.rho is not None else ()
+        curved = (curved_row(row, bottom, claim.rho, curves, face, errors[0]) for face in faces)
+        need(
+            linear_row(row, errors[0], local) or (bool(faces) and all(curved)),
+            f"the row of agent {p.labels[i]} is not shown",
+        )
 
 
 def tables(claim: Any, arcs: Iterable[tuple[Coupling, int, int]], bottom: int, wide: bool) -> Curves:
@@ -277,29 +284,42 @@ def tables(claim: Any, arcs: Iterable[tuple[Coupling, int, int]], bottom: int, w
     return curves
 
 
-def linear_row(row: Row) -> bool:
-    """True if a row of linear couplings holds: its two faces are the same, and s does not matter."""
+def linear_row(row: Row, error: Fraction = ZERO, local: bool = False, load: Fraction = ZERO) -> bool:
+    """True if a row of linear couplings holds, with a load added: its two faces are the same, and s does not matter."""
     ends = [(h.slope(0, 0), w, (top - row.own, -top - row.own)) for h, w, top in row.terms]
-    suprema = (w * max(g * y for g in slopes for y in sides) for slopes, w, sides in ends)
-    return all(h.straight for h, _, _ in row.terms) and sum(suprema, ZERO) <= row.c
+    largest = ((w, max(g * y for g in slopes for y in sides)) for slopes, w, sides in ends)
+    suprema = (max(w * (1 - error) * x, w * (1 + error) * x) for w, x in largest)
+    return all(local or h.straight for h, _, _ in row.terms) and sum(suprema, load) <= row.c
 
 
-def curved_row(row: Row, bottom: int, rho: Fraction, curves: Curves, mirrored: bool) -> bool:
-    """One face of a row, on pieces of (0, rho]."""
-    unit = max(Fraction(2**400), abs(row.c) / bottom, *(w for _, w, _ in row.terms)) / 2**400  # for huge ones
-    c = enclosed(row.c / bottom / unit)
+def curved_row(
+    row: Row,
+    bottom: int,
+    rho: Fraction,
+    curves: Curves,
+    mirrored: bool,
+    error: Fraction = ZERO,
+    start: Fraction = ZERO,
+    load: Fraction = ZERO,
+) -> bool:
+    """One face of a row, with a load added, on pieces of (0, rho], or of [start, rho]; a weight is an interval, so that
+    products have the worse end."""
+    unit = max(Fraction(2**400), abs(row.c) / bottom, load, *(w for _, w, _ in row.terms)) / 2**400  # for huge ones
+    c, added_load = enclosed(row.c / bottom / unit), enclosed(load / unit)
     sides = {x: enclosed(Fraction(x, bottom)) for _, _, v in row.terms for x in (v + row.own, v - row.own)}
-    terms = [(curves[h, mirrored], enclosed(w / unit), sides[v + row.own], sides[v - row.own]) for h, w, v in row.terms]
+    wide = [hull(*(enclosed(w * (1 + sign * error) / unit) for sign in (-1, 1))) for _, w, _ in row.terms]
+    arcs = zip(row.terms, wide, strict=True)
+    terms = [(curves[h, mirrored], w, sides[v + row.own], sides[v - row.own]) for (h, _, v), w in arcs]
 
     def settled(a: float, b: float) -> bool:
         bounds = [(w, supremum(curve, p, q, a, b)) for curve, w, p, q in terms]
 
         def at(s: float) -> float:
-            return total([*(times(w, (bound.at(s),) * 2) for w, bound in bounds), times((-s, -s), c)])[1]
+            return total([*(times(w, (bound.at(s),) * 2) for w, bound in bounds), times((-s, -s), c), added_load])[1]
 
         return below(a, b, at, total([*(times(w, bound.slope) for w, bound in bounds), negative(c)]))
 
-    return throughout(enclosed(rho)[1], settled)
+    return throughout(enclosed(rho)[1], settled, enclosed(start)[0])
 
 
 # --- delay and sampling -----------------------------------------------------------------------------------------------

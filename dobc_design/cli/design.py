@@ -31,6 +31,9 @@ def design(
     keep_exosystem: Annotated[
         bool, typer.Option("--keep-exosystem", help="Never replace the exosystem by its observable part.")
     ] = False,
+    conservative: Annotated[
+        bool, typer.Option("--conservative", help="Without a region: gains for V = e'e, not for the true local rate.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --out.")] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
@@ -57,6 +60,7 @@ def design(
             "allowed": labels or None,
         }
         how: dict[str, Any] = {"digits": digits, "reduce": not keep_exosystem, "progress": progress}
+        how["conservative"] = conservative
         found = designs.design(problem, **limits, **how)
     written = None
     if found.verdict.value == "proved":
@@ -109,4 +113,5 @@ def _option_texts(request: DesignRequest, labels: Sequence[str]) -> list[str]:
         "--digits": None if request.digits == 3 else request.digits,
     }
     words = [word for option, value in given.items() if value is not None for word in (option, str(value))]
-    return words if request.reduce else [*words, "--keep-exosystem"]
+    flags = {"--keep-exosystem": not request.reduce, "--conservative": request.conservative}
+    return [*words, *(flag for flag, given in flags.items() if given)]

@@ -44,6 +44,9 @@ def simulate(
     fail: Annotated[
         list[str] | None, typer.Option(help="Stress: LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
     ] = None,
+    worst: Annotated[
+        bool, typer.Option("--worst", help="Stress: as bad as [uncertainty] and [actuators] allow.")
+    ] = False,
     breaking: Annotated[
         bool, typer.Option("--what-breaks-first", help="Make every stress worse until the loop no longer converges.")
     ] = False,
@@ -66,9 +69,12 @@ def simulate(
     failures = tuple(_failure(text) for text in fail or ())
     bounds: dict[str, Any] = {"saturation": saturation, "period": period}
     stress = Stress(noise=noise, disturbance=disturbance, loss=loss, failures=failures, **bounds)
+    if worst and not stress.is_calm:
+        message = "--worst must be the only stress: it takes all of them from the problem."
+        raise SpecError(message, key="--worst", cure="Leave the others out.")
     single = runs in (None, 1)
-    if breaking and (not stress.is_calm or not single or observer != "closed-form"):
-        what = "--observer" if observer != "closed-form" else "--runs" if stress.is_calm else "a stress"
+    if breaking and (worst or not stress.is_calm or not single or observer != "closed-form"):
+        what = "--observer" if observer != "closed-form" else "--runs" if stress.is_calm and not worst else "a stress"
         does = "runs every stress separately"
         message = f"{what} must be left out beside --what-breaks-first, which {does}."
         raise SpecError(message, key="--what-breaks-first", cure="Leave one of the two out.")
@@ -95,7 +101,11 @@ def simulate(
             result, document = found.calm, _breaking(found, problem, proof)
         else:
             progress("simulating")
-            given |= {"mode": mode, "observer": observer, "stress": None if stress.is_calm else stress}
+            given |= {
+                "mode": mode,
+                "observer": observer,
+                "stress": "worst" if worst else None if stress.is_calm else stress,
+            }
             given["progress"] = lambda part: progress(f"simulating, {part:.0%}")
             result = simulate_runs(problem, runs=None if single else runs, **given)
             document = _document(result, problem, proof, single=single)

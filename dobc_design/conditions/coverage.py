@@ -5,7 +5,7 @@ A proof covers what is asked if its set of starts holds the region; the two are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -33,7 +33,7 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
         if check is not min(lemmas, key=lambda other: other.rate or 0.0):
             return False
     if problem.region is None:  # others are about some starts, and the question is about the consensus itself
-        return check.kind.role != "region" or check.domain == "global"
+        return check.kind.role != "region" or check.domain == "global" or _is_near(problem, check)
     region, domain = problem.region, check.domain
     if isinstance(domain, str):
         return domain == "global"
@@ -50,6 +50,13 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
     return inside and isinstance(disturbance, (int, float)) and claimed(disturbance) >= region.initial_disturbance
 
 
+def _is_near(problem: Problem, check: Check) -> bool:
+    """Whether a box around the target is proved: under switching that answers the local question, too."""
+    box = check.domain if check.id == "max-separable" and isinstance(check.domain, Mapping) else {}
+    several = len(problem.network.modes) > 1
+    return several and box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
+
+
 def asked_radius(problem: Problem) -> tuple[Fraction, ...]:
     """R_c, per component: the largest |e_ic(0)| that the region allows."""
     pairs = problem.region.initial_states if problem.region is not None else ()
@@ -59,6 +66,8 @@ def asked_radius(problem: Problem) -> tuple[Fraction, ...]:
 
 Progress = Callable[[str], None]
 
+#: Both radii of the box that is tried first for the local question of several modes.
+NEAR = 1e-3
 #: The largest box that is tried where no region is asked for, in the unit of the states.
 CAP = Fraction(10)
 

@@ -14,20 +14,31 @@ from dobc_design._show.cards import Card, Shown
 #: What a proof is worth.  "part": a fact of the network or of the exosystem alone, the same for every coupling.
 #: "paper": Lemma 1 and the theorems.  "given": a theorem with the P of the problem file.  "region": for a set of
 #: starts.  "timing": carries a region over to late or held messages.  "rest": refutes a region.  "settling": a time.
-Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling"]
+#: "plant": what the model leaves out, bounded.
+Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling", "plant"]
 
 #: By topic: the modules that decide a check, and the file of the second program.
 _DECIDED_IN: Final = {
     "observer": ("conditions/observer/decide.py", "exact/observability.py", "exact/polynomial.py"),
     "consensus": ("conditions/consensus/decide.py", "conditions/consensus/network.py", "exact/definite.py"),
+    "linearisation": ("conditions/linearisation/decide.py", "exact/polynomial.py"),
+    "weighted": ("conditions/weighted/decide.py",),
     "separable": ("conditions/separable/decide.py", "conditions/separable/timing.py"),
+    "margins": ("conditions/margins/decide.py", "conditions/separable/decide.py"),
     "quadratic": ("conditions/quadratic/decide.py",),
     "boxes": ("conditions/boxes/decide.py",),
     "equilibrium": ("conditions/equilibrium/decide.py",),
     "schedule": ("conditions/schedule/decide.py",),
+    "accuracy": ("conditions/accuracy/decide.py", "exact/peaks.py"),
 }
 #: The file of the second program for a topic, where it is not one of the same name.
-_CHECKERS: Final = {"observer": "consensus", "boxes": "quadratic", "equilibrium": "separable"}
+_CHECKERS: Final = {
+    "observer": "consensus",
+    "weighted": "consensus",
+    "linearisation": "consensus",
+    "boxes": "quadratic",
+    "equilibrium": "separable",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -81,7 +92,9 @@ _BALL = "Every start with |e| <= R (Euclidean, all of e) and |eps_i| <= s reache
 _REGION = "Beyond the paper: its Theorems 1 and 2 in a region; theory, Regions by quadratic functions."
 _observer = partial(Kind, topic="observer", role="part")
 _paper, _given = partial(Kind, topic="consensus", role="paper"), partial(Kind, topic="consensus", role="given")
+_weighted = partial(Kind, topic="weighted", role="paper", source="Beyond the paper; theory, section 10.")
 _timing = partial(Kind, topic="separable", role="timing")
+_margin = partial(Kind, topic="margins", role="plant", source="Beyond the paper; theory, section 12.")
 
 _ROWS: Final = (
     _observer(
@@ -193,6 +206,43 @@ _ROWS: Final = (
         refuted="This pair fails in some mode. A scaled P may work.",
         source="Paper, Example 2.",
     ),
+    _weighted(
+        id="theorem1-weighted",
+        name="Theorem 1 with weights",
+        decides="whether V = Σ dᵢeᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases for some weights dᵢ > 0; they exist iff every agent is"
+        " reached, up to the true rate",
+        title="Theorem 1 with a weight for each agent",
+        statement=r"D M + M^T D - 2\beta D - D (I \otimes S) D > 0,\quad M = (K \otimes I) - J,\ D > 0"
+        r" \text{ diagonal}",
+        plain="D M + M' D - 2 beta D - D (I (x) S) D > 0 with M = K - J and D > 0 diagonal; S = C (-Omega0 - 2 beta"
+        " P)^-1 C'",
+        proved="Consensus despite the disturbance, from close by (linear couplings: from everywhere); V' <= -2 rate V.",
+        refuted="Never: where no weights exist, reachability or the observer is refuted.",
+    ),
+    _weighted(
+        id="theorem2-weighted",
+        name="Theorem 2 with weights",
+        decides="whether V = Σ dᵢeᵢ′eᵢ + Σ εᵢ′Pεᵢ decreases in every mode for the same weights dᵢ > 0",
+        title="Theorem 2 with a weight for each agent",
+        statement=r"D M_\sigma + M_\sigma^T D - 2\beta D - D (I \otimes S) D > 0 \text{ for every mode } \sigma",
+        plain="D M + M' D - 2 beta D - D (I (x) S) D > 0 in every mode, with one D and one P",
+        proved="Consensus under arbitrary switching, from close by (linear couplings: from everywhere).",
+        refuted="Never: modes without common weights may have another common V.",
+    ),
+    Kind(
+        id="linearisation",
+        topic="linearisation",
+        role="paper",
+        name="Linearisation",
+        decides="whether every eigenvalue of the loop, linearised at the target, has a negative real part; for small"
+        " networks with couplings of any sign",
+        title="The linearisation at the target",
+        statement=r"\operatorname{Re}\,\sigma(J - K) < 0,\quad \operatorname{Re}\,\sigma(A - WC) < 0",
+        plain="max Re of the eigenvalues of J - K and of A - WC < 0",
+        proved="Consensus despite the disturbance, from close by (linear couplings: from everywhere).",
+        refuted="The target is unstable: consensus fails in every neighbourhood of it.",
+        source="Lyapunov's first method, decided by Routh's table; theory, section 10.",
+    ),
     Kind(
         id="max-separable",
         topic="separable",
@@ -233,6 +283,28 @@ _ROWS: Final = (
         proved="From one sample to the next max |e_i|/v_i falls at least by the factor f < 1, 1 - T alpha <= f, up to"
         " what the observer error adds.",
         refuted="Never: longer periods may work too.",
+    ),
+    _margin(
+        id="tolerance",
+        name="Tolerance",
+        decides="whether the proof holds for all weights and gains within relative errors, each on its own",
+        title="Errors of weights and gains that the certificate allows",
+        statement=r"\text{the rows for all } |\Delta w_{ij}| \le \delta_w w_{ij},\ |\Delta k_i| \le \delta_k k_i",
+        plain="the rows of max-separable (without a region: at the target) hold for every w in [w (1 - dw), w (1 + dw)]"
+        " and k in [k (1 - dk), k (1 + dk)]; observers that do not know the weights: kappa eta < alpha as well",
+        proved="Consensus for all such weights and gains, constant or varying, while the estimation error decays.",
+        refuted="Never: larger errors may be harmless, too.",
+    ),
+    _margin(
+        id="actuators",
+        name="Inputs",
+        decides="how large the inputs can become from the certified starts, and whether actuators with limits saturate",
+        title="Largest inputs on the certified set",
+        statement=r"|u_i| \le \rho \max(|k_i|_1 v_i, 1/\kappa) + \max_t |d_i|",
+        plain="|u_i| <= rho max(|k_i|_1 v_i, 1/kappa) + max |d_i| on {V <= rho}",
+        proved="From every start of the domain no component of u_i exceeds its bound, nor a limit that is given, for"
+        " the model with the errors of gains in [uncertainty] but without its disturbance, drift and noise.",
+        refuted="Never: the bound may be larger than what happens.",
     ),
     Kind(
         id="lure",
@@ -289,6 +361,23 @@ _ROWS: Final = (
         " error: from every start in the box |e| stays below the tolerance from that time on.",
         refuted="Never: that no stages are found does not exclude a shorter time.",
         source="Theory, Settling times.",
+    ),
+    Kind(
+        id="accuracy",
+        topic="accuracy",
+        role="plant",
+        name="Final accuracy",
+        decides="how far from the target the agents may end under the disturbance, drift and measurement noise of"
+        " [uncertainty]",
+        title="Final bounds of the error, agent by agent",
+        statement=r"\textstyle\sum_j \sup h_{ij} - k_i s v_i + b_i \le -\alpha s v_i\quad \text{for all } s \in"
+        r" [s^*, \rho],\ i,\ \sigma",
+        plain="on the faces e_i = +-s v_i of the box |e_j| <= s v_j: e_i' points inwards although b_i acts on it, for"
+        " all s in [s*, rho], every agent and mode; b_i from the peak gains of the observer",
+        proved="Every start of the domain ends with |e_i| <= bounds_i whatever acts within [uncertainty], for arbitrary"
+        " switching, and stays in the box of the first stage on the way.",
+        refuted="Never: that no bounds are found does not mean that there are none.",
+        source="Theory, What the model leaves out.",
     ),
 )
 

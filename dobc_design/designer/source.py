@@ -16,13 +16,14 @@ from dobc_design.problem.groups import Group, Observer
 from dobc_design.problem.network import Network, labels_of
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region, Simulation, Switching
+from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
 WIDTH = 100
 
 
 def python_source(problem: Problem) -> str:
     """A script whose ``problem`` equals this one."""
-    _, (given,) = problem.__reduce__()  # the arguments of its constructor
+    given = problem.__reduce__()[0].keywords  # the arguments of its constructor
     given["gains"] = gain_table(problem.pinning.gains, problem.network.labels)
     said = {name: _plain(value) for name, value in given.items()}
     written = _text(_Call("Problem", {name: value for name, value in said.items() if value not in (None, {}, [])}))
@@ -56,7 +57,7 @@ def _plain(value: Any) -> Any:
             return _Call("Network.from_arcs", {"arcs": arcs, "arrow": "listens_to", "agents": agents})
         case Exosystem() | Observer() | Group() | Switching():
             return _Call(type(value).__name__, _fields(value))
-        case Region() | Simulation():
+        case Region() | Simulation() | Uncertainty() | Actuators():
             return _fields(value)
         case Mapping():
             return {key: _plain(each) for key, each in value.items()}

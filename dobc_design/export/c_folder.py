@@ -18,11 +18,12 @@ import numpy as np
 
 from dobc_design import __version__
 from dobc_design._show.cards import Card, Shown
+from dobc_design._show.text import significant
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.export.c_controller import AgentNumbers, Controller
-from dobc_design.export.c_text import CAlgebra, array, bare, comment, coupling_function, row, string, template
+from dobc_design.export.c_text import CAlgebra, array, bare, comment, coupling_function, rounded, row, string, template
 from dobc_design.export.c_text import literal as c_literal
 from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
 from dobc_design.problem.arrays import Gain
@@ -38,7 +39,7 @@ MOST_SAMPLES = 400
 class Recorder:
     """Simulates the sampled loop of a controller over 10 s (at most 400 samples), and remembers the last one.  ``gain``
     and ``sampled_gain`` as in ``make_controller``.  A ``signal`` that depends on the states is left out: the first mode
-    then holds."""
+    then holds.  Where the agent whose samples are recorded has a limit, all inputs are cut off there."""
 
     def __init__(
         self, *, gain: Gain | None = None, sampled_gain: Gain | None = None, signal: Signal | None = None
@@ -57,6 +58,8 @@ class Recorder:
         if self.last is None or self.last[0] != controller.period:
             period = float(controller.period)
             times = [k * period for k in range(max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1))]
+            given = _limits(controller).get(_recorded_agent(controller).label)
+            limit = None if given is None else float(rounded(given, "double"))
             setting = make_setting(
                 controller.problem,
                 mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
@@ -64,7 +67,7 @@ class Recorder:
                 t_final=times[-1],
                 samples=times,
                 gain=self.gain,
-                stress=Stress(period=period, sampled_gain=self.sampled),
+                stress=Stress(period=period, sampled_gain=self.sampled, saturation=limit),
             )
             self.last = controller.period, run_once(setting)
         return self.last[1]
@@ -76,7 +79,7 @@ class Recorder:
         if why:
             raise SpecError(f"there are no test vectors: {why}", key="--period", cure="Take a shorter period.")
         run = self.run(controller)
-        agent = next((each for each in controller.agents if any(map(any, each.gain))), controller.agents[0])
+        agent = _recorded_agent(controller)
         i, others, names = agent.index, list(agent.neighbours), list(controller.problem.network.modes)
         modes = np.array([names.index(name) for name in run.switches.names])[run.mode_index]
         heard = run.x[:, others] - run.goal[others]
@@ -84,6 +87,26 @@ class Recorder:
         bare = Recorded(agent=agent, modes=modes, heard=heard, u=u, v=u, **own)
         e = run.x[:, i] - run.goal[i]
         return replace(bare, v=felt_with_error(controller, bare, e, np.zeros_like(e), 0.0)[0] + u)
+
+
+def _recorded_agent(controller: Controller) -> AgentNumbers:
+    return next((each for each in controller.agents if any(map(any, each.gain))), controller.agents[0])
+
+
+def _limits(controller: Controller) -> dict[str, Fraction]:
+    """label -> largest |u| of a component, for the agents of the code that have a limit in [actuators]."""
+    table, labels = controller.problem.actuators, [agent.label for agent in controller.agents]
+    found = {label: None if table is None else table.limit_of(label) for label in labels}
+    return {label: limit for label, limit in found.items() if limit is not None}
+
+
+def _limits_text(controller: Controller) -> str:
+    """The limits for a comment: one number where all agents have the same, else agent by agent."""
+    limits = _limits(controller)
+    if len(limits) == len(controller.agents) and len(set(limits.values())) == 1:
+        return significant(next(iter(limits.values())), 6)
+    first = [f"{significant(limit, 6)} (agent {label})" for label, limit in list(limits.items())[:12]]
+    return ", ".join([*first, *(["..."] if len(limits) > 12 else [])])
 
 
 def vectors_csv(controller: Controller, recorded: Recorded) -> str:
@@ -193,6 +216,7 @@ def header_text(controller: Controller) -> str:
         names=comment(", ".join(list(problem.network.modes)[:12])),
         estimate="\n    dobc_real estimate[DOBC_ORDER]; /* xihat */" if controller.q else "",
         neighbours=max(1, *(len(agent.neighbours) for agent in controller.agents)),
+        limits=comment(_limits_text(controller)),
     )
 
 
@@ -212,12 +236,13 @@ def source_text(controller: Controller) -> str:
         used=algebra.used,
         functions=couplings,
         couplings=len(couplings),
+        limited=bool(_limits(controller)),
     )
 
 
 def _tables(controller: Controller) -> Iterator[str]:
     """Arcs and neighbours of every agent, then the table of agents."""
-    precision, labels = controller.precision, controller.problem.network.labels
+    precision, labels, limits = controller.precision, controller.problem.network.labels, _limits(controller)
     for place, agent in enumerate(controller.agents):
         for mode, hearings in enumerate(agent.modes):
             if hearings:
@@ -229,7 +254,11 @@ def _tables(controller: Controller) -> Iterator[str]:
             names = ", ".join(string(labels[index]) for index in agent.neighbours)
             yield f"static const char *const neighbours_{place}[] = {{{names}}};\n"
     yield "\nconst dobc_config dobc_agents[DOBC_AGENTS] = {\n"
-    yield ",\n".join(_config(place, agent, precision) for place, agent in enumerate(controller.agents))
+    rows = (_config(place, agent, precision) for place, agent in enumerate(controller.agents))
+    if limits:  # -1 stands for no limit
+        ends = (bare(limits.get(agent.label, Fraction(-1)), precision) for agent in controller.agents)
+        rows = (f"{row[:-1]}, {end}}}" for row, end in zip(rows, ends, strict=True))
+    yield ",\n".join(rows)
     yield "\n};\n"
 
 
@@ -282,6 +311,7 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
         proved=proved or ["nothing"],
         undecided=undecided,
         certified=certified,
+        limits=_limits_text(controller),
         items=_items,
         fill=partial(textwrap.fill, width=WIDTH),
         precision=controller.precision,

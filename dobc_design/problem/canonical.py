@@ -30,6 +30,7 @@ VERSION = 1
 _CURE = "Write it again with `dobc check FILE --canonical OUT`."
 _KEYS = ("format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains")
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
+_LATER_TABLES = ("uncertainty", "actuators")
 _LATER_SWITCHING = ("sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis")
 
 
@@ -101,6 +102,7 @@ def settings_of(problem: Problem) -> dict[str, Any]:
         "region": problem.region and _own(problem.region),
         "switching": problem.switching and _own(problem.switching, later=_LATER_SWITCHING),
         "simulation": _own(problem.simulation, later=("x0",)),
+        **{name: _own(noun) for name in _LATER_TABLES if (noun := getattr(problem, name)) is not None},
     }
 
 
@@ -158,7 +160,7 @@ class _Reader:
     """Reads the document strictly: every key, no other, and no value of another kind."""
 
     def __init__(self, document: Mapping[str, Any]) -> None:
-        self.document = _object(document, (*_KEYS, *_TABLES), key="problem.json")
+        self.document = _object(document, (*_KEYS, *_TABLES), _LATER_TABLES, key="problem.json")
         self.labels = [_text(label, key="labels") for label in _list(document["labels"], key="labels")]
 
     def problem(self) -> Problem:
@@ -187,6 +189,8 @@ class _Reader:
             region=region or None,
             switching=Switching(**switching) if switching else None,
             simulation=simulation,
+            uncertainty=document.get("uncertainty"),
+            actuators=document.get("actuators"),
         )
 
     def groups(self, exosystem: Any) -> list[Group]:

@@ -273,8 +273,18 @@ def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
         "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
         "formation": {"offsets": offsets or None},
     }
-    order = ("pinning", "exosystem", "observer", "formation", "region", "switching", "simulation")
-    kept = {name: {key: x for key, x in (tables[name] or {}).items() if x is not None} for name in order}
+    order = (
+        "pinning",
+        "exosystem",
+        "observer",
+        "formation",
+        "region",
+        "switching",
+        "simulation",
+        "uncertainty",
+        "actuators",
+    )
+    kept = {name: {key: x for key, x in (tables.get(name) or {}).items() if x is not None} for name in order}
     return {name: table for name, table in kept.items() if table}
 
 

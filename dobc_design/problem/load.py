@@ -403,6 +403,8 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
             switching=switching,
             notes=tables.notes,
             simulation=_given(tables.simulation),
+            uncertainty=_given(tables.uncertainty),
+            actuators=_given(tables.actuators),
         ),
         errors,
     )

@@ -30,6 +30,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_numbers, joint_exosystem, joint_observer, read_groups
 from dobc_design.problem.network import Network, one_form
 from dobc_design.problem.settings import Region, Simulation, Switching
+from dobc_design.problem.uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
 from dobc_design.verdict import Verdict
 
 T = TypeVar("T")
@@ -163,6 +164,7 @@ class Problem(Shown):
         offsets: {label: offset}, the formation: agent i goes to xbar + offset_i.
         region: {"initial_states": ..., "initial_disturbance": ...} or a Region.
         switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0, x0.
+        uncertainty, actuators: an Uncertainty and Actuators, or mappings: what the plant may add, what it can give.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
     Further attributes: couplings, the default one and those of the exceptions, each once; exception_places, the place
     among them of the coupling of every arc with its own.
@@ -185,6 +187,8 @@ class Problem(Shown):
     region: Region | None
     switching: Switching | None
     simulation: Simulation
+    uncertainty: Uncertainty | None
+    actuators: Actuators | None
     notes: tuple[str, ...]
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
     exception_places: Mapping[Arc, int] = field(init=False, compare=False)
@@ -204,6 +208,8 @@ class Problem(Shown):
         region: Region | Mapping[str, Any] | None = None,
         switching: Switching | None = None,
         simulation: Simulation | Mapping[str, Any] | None = None,
+        uncertainty: Uncertainty | Mapping[str, Any] | None = None,
+        actuators: Actuators | Mapping[str, Any] | None = None,
         name: str = "problem",
         notes: Sequence[str] = (),
     ) -> None:
@@ -230,6 +236,8 @@ class Problem(Shown):
         if divided is not None or not groups:  # else nobody knows how long the rows of xi0 have to be
             orders = _orders(divided, network.labels, exosystem)
             keep("simulation", lambda: settings.read_simulation(simulation, n=network.size, orders=orders, m=m))
+        keep("uncertainty", lambda: read_uncertainty(uncertainty))
+        keep("actuators", lambda: read_actuators(actuators, labels=network.labels))
         keep("notes", lambda: _read_notes(notes))
         raise_all(errors)
         places = {each: place for place, each in enumerate(dict.fromkeys((self.coupling, *self.exceptions.values())))}
@@ -273,7 +281,7 @@ class Problem(Shown):
 
     def _arguments(self) -> dict[str, Any]:
         names = ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
-        found = {name: getattr(self, name) for name in names}
+        found = {name: getattr(self, name) for name in (*names, "uncertainty", "actuators")}
         found |= {"gains": self.pinning, "exceptions": dict(self.exceptions)}
         if self.is_grouped:
             found |= {"groups": self.groups, "observer": Observer(rate=self.groups[0].observer.rate)}
@@ -301,8 +309,8 @@ class Problem(Shown):
         facts += [("disturbance", disturbance_words(self, group)) for group in self.groups[:MOST_ITEMS]]
         facts += [("time scales", times)] if (times := time_words(self)) else []
         facts += [("look at this", remark) for remark in remarks(self)]
-        named_facts = (("region", self.region), ("switching", self.switching), ("notes", "  ".join(self.notes)))
-        facts += [(name, value) for name, value in named_facts if value]
+        nouns = [(name, getattr(self, name)) for name in ("region", "switching", "uncertainty", "actuators")]
+        facts += [(name, value) for name, value in (*nouns, ("notes", "  ".join(self.notes))) if value]
         text = f"{counted(self.n, 'agent')} with {counted(self.m, 'state component')} each"
         return Card(title=self.name, text=text, facts=facts)
 

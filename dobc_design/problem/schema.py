@@ -83,6 +83,7 @@ Gains = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER
 Kind = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(KINDS)})]
 Flag = Annotated[Any, _GIVEN, WithJsonSchema({"type": "boolean"})]
 Members = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_LABEL))]
+Limits = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER)))]
 Offsets = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_NUMBER, _NUMBERS))]
 
 
@@ -197,6 +198,24 @@ class SimulationTable(_Table):
     x0: Rows = Field(default=None, description="m numbers for all agents, or n rows; with m = 1 also n numbers.")
 
 
+class UncertaintyTable(_Table):
+    """[uncertainty]: how far the plant may be from the model."""
+
+    weights: Number = Field(default=None, description="Largest relative error of every arc weight.")
+    gains: Number = Field(default=None, description="Largest relative error of every pinning gain.")
+    known_to_agents: Flag = Field(default=None, description="false: the agents' model of the couplings is off as much.")
+    disturbance: Number = Field(default=None, description="|w_i|: the part of d_i the exosystem does not generate.")
+    drift: Number = Field(default=None, description="|xi' - A xi|")
+    measurement: Number = Field(default=None, description="|noise| of every measured state, in the unit of x.")
+
+
+class ActuatorsTable(_Table):
+    """[actuators]: what the actuators can give."""
+
+    limit: Limits = Field(default=None, description="|u_i| per component: for all agents, or label -> number.")
+    amplitude: Number = Field(default=None, description="Bound on |d_i|; by default from simulation.xi0.")
+
+
 class ProblemFile(_Table):
     """A dobc_design problem file."""
 
@@ -213,6 +232,8 @@ class ProblemFile(_Table):
     region: RegionTable | None = None
     switching: SwitchingTable | None = None
     simulation: SimulationTable | None = None
+    uncertainty: UncertaintyTable | None = None
+    actuators: ActuatorsTable | None = None
 
 
 RESERVED = {"dynamics", "delays"}

@@ -14,6 +14,7 @@ from dobc_design.problem.meaning import remarks
 from dobc_design.problem.problem import Problem
 from dobc_design.report import checks, pictures, words
 from dobc_design.report import document as doc
+from dobc_design.report.plant import plant_section
 from dobc_design.report.region_words import region_section, search_sections, settling_section
 from dobc_design.report.words import number
 from dobc_design.verdict import Verdict
@@ -97,6 +98,7 @@ def report_document(
         blocks=(
             doc.in_markdown(doc.Facts((*identity, *facts))),
             _meaning(certificate),
+            *plant_section(certificate),
             _loop(certificate),
             *_bound(certificate, trajectory),
             *_next_step(certificate),

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cache, partial
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,7 +170,7 @@ def simulate(
     samples: int | Sequence[float] | None = None,
     observer: str = "closed-form",
     tolerance: float = 1e-9,
-    stress: Stress | None = None,
+    stress: Stress | Literal["worst"] | None = None,
     progress: Reports[float] = None,
 ) -> Trajectory | Ensemble:
     """Simulate the closed loop (1), (12), (13), (19): one run, or ``runs`` of them with the seeds seed, seed + 1, ...
@@ -181,7 +181,8 @@ def simulate(
     ``t_final`` (s) and ``seed`` default to the problem's.  ``samples``: how many, or the times from 0 on in s.
     ``observer``: "closed-form" integrates e with eps known, "full-loop" all equations as printed, "off" leaves the
     disturbance uncompensated.  ``tolerance`` of the integrator is relative.  ``stress``: noise, limits, losses and
-    failures.  ``progress``: True for a bar, or a function of the part done, 0 to 1.
+    failures; "worst": what [uncertainty] and [actuators] allow, at its worst.  ``progress``: True for a bar, or a
+    function of the part done, 0 to 1.
     Returns: a Trajectory, or with ``runs`` an Ensemble; ``diverged`` says what had to stop early, and ``reason`` why.
     Raises: SpecError for a wrong argument.
     Example:
@@ -344,6 +345,8 @@ class _Collector:
             return "every run has graphs of its own"
         if stress is not None and stress.period is not None:
             return ""
+        if stress is not None and stress.worst:
+            return "the disturbance of every run switches at times of its own"
         if setting.loop.q and closed is None and not setting.is_full:
             return "the observer is too fast for its closed form"
         return "the loop is stiff" if settings.is_stiff(setting, closed=not setting.is_full) else ""

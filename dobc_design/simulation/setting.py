@@ -11,11 +11,11 @@ import json
 import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, mode_i
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.uncertainty import Uncertainty
 from dobc_design.simulation._arguments import finite_array, not_negative, positive, seconds, whole
 from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, make_loop
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
@@ -74,7 +75,9 @@ class Stress(Told):
     computed at its multiples and held between (see ``sampled``); ``sampled_gain`` (q, m) is then the observer's, as
     ``design_observer(period=...)`` gives it, in place of the discretised W.  ``loss``: probability that a packet is
     lost, on every arc and at every exchange; the listener keeps the last one it got.  ``exchange`` (s): time between
-    exchanges, the period where there is one, else 0.05 s.  ``failures``: agents that fail.
+    exchanges, the period where there is one, else 0.05 s.  ``failures``: agents that fail.  ``worst``: noise and
+    disturbance take the values + and - only, the disturbance so that it drives one agent, the seed modulo n, as far
+    as the linearised loop can be driven; agents have the limits of [actuators].
     """
 
     noise: float = 0.0
@@ -86,6 +89,7 @@ class Stress(Told):
     loss: float = 0.0
     exchange: float | None = None
     failures: tuple[Failure, ...] = ()
+    worst: bool = False
 
     def __post_init__(self) -> None:
         numbers = ("noise", "disturbance", "frequency", "loss")
@@ -124,7 +128,10 @@ class Stress(Told):
     @property
     def is_calm(self) -> bool:
         happening = (self.saturation, self.period, self.exchange)
-        return not (self.noise or self.disturbance or self.loss or self.failures) and happening == (None,) * 3
+        return (
+            not (self.noise or self.disturbance or self.loss or self.failures or self.worst)
+            and happening == (None,) * 3
+        )
 
     @property
     def exchanges(self) -> float | None:
@@ -150,9 +157,10 @@ class Stress(Told):
     def __str__(self) -> str:
         words = []
         if self.noise:
-            words.append(f"measurement noise {self.noise:g}")
+            words.append(f"measurement noise {'of at most ' if self.worst else ''}{self.noise:g}")
         if self.disturbance:
-            words.append(f"unmodelled disturbance {self.disturbance:g} at {self.frequency:g} rad/s")
+            how = "switched to be as bad as it can be" if self.worst else f"at {self.frequency:g} rad/s"
+            words.append(f"unmodelled disturbance {self.disturbance:g} {how}")
         if self.saturation is not None:
             words.append(f"|u| at most {self.saturation:g}")
         if self.exchanges is not None:
@@ -162,9 +170,23 @@ class Stress(Told):
         return "; ".join([*words, *map(str, self.failures)]) or "no stress"
 
 
+def worst_stress(problem: Problem) -> Stress:
+    """What [uncertainty] and [actuators] allow, at its worst.  Raises: SpecError if the problem has neither."""
+    allowed, actuators = problem.uncertainty or Uncertainty(), problem.actuators
+    limit = None if actuators is None or isinstance(actuators.limit, Mapping) else actuators.limit
+    stress = Stress(noise=float(allowed.measurement), disturbance=float(allowed.disturbance), worst=True)
+    if not (stress.noise or stress.disturbance) and (actuators is None or actuators.limit is None):
+        what = "has nothing to apply: the problem bounds no disturbance, no measurement noise and no input."
+        raise wrong("stress", what, "Give [uncertainty] disturbance or measurement, or [actuators] limit.")
+    return replace(stress, saturation=None if limit is None else float(limit))
+
+
 def stress_to_json(stress: Stress) -> str:
     """A stress as one JSON object."""
-    return json.dumps(asdict(stress), ensure_ascii=False)
+    given = asdict(stress)
+    if not stress.worst:
+        del given["worst"]
+    return json.dumps(given, ensure_ascii=False)
 
 
 TOLERANCE = 1e-9  # relative, of the integrator; the absolute one is a hundredth of it
@@ -315,7 +337,7 @@ class Options(TypedDict, total=False):
     samples: int | Sequence[float] | None
     observer: str
     tolerance: float
-    stress: Stress | None
+    stress: Stress | Literal["worst"] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -345,11 +367,14 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
     """Check the arguments of ``simulate``.  Raises: SpecError."""
     mode, untyped = given.get("mode"), dict[str, Any](given)
     signal, stress = untyped.get("signal"), untyped.get("stress")
+    stress = worst_stress(problem) if stress == "worst" else stress
     if not (signal is None or isinstance(signal, Signal)):
         cure = "For example Periodic(dwell=0.5); names belong into [switching] of a problem file."
         raise wrong("signal", f"must be a switching signal; got {str(signal)[:40]}.", cure)
     if not (stress is None or isinstance(stress, Stress)):
-        raise wrong("stress", f"must be a Stress; got {str(stress)[:40]}.", "For example Stress(noise=0.1).")
+        raise wrong(
+            "stress", f"must be a Stress; got {str(stress)[:40]}.", 'For example Stress(noise=0.1), or "worst".'
+        )
     if mode is not None:
         if signal is not None:
             raise SpecError("mode and signal exclude each other.", key="signal", cure="Leave one of them out.")

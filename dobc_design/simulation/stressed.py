@@ -21,6 +21,7 @@ from dobc_design.simulation.field import Links, act, full_pattern
 from dobc_design.simulation.integrate import FARTHEST, Integration, Outcome, Piece, Plan, Progress
 from dobc_design.simulation.setting import Setting, Start, Stress, is_stiff
 from dobc_design.simulation.switches import Modes, Nearby, Switches
+from dobc_design.simulation.worst import worst_signs
 
 NOISE, LOSS, PHASE = 2, 3, 4  # streams beside that of the switches
 BLOCK = 32  # instants whose random numbers are drawn at once
@@ -72,6 +73,14 @@ class Crew:
         phases = [np.random.default_rng([seed, PHASE]).uniform(0, 2 * np.pi, size=self.shape) for seed in runs.seeds]
         self.phase = np.stack(phases, axis=2)
         self.drawn: Array = np.zeros((0, *self.phase.shape))
+        problem, horizon = runs.setting.problem, runs.setting.horizon
+        self.signs = None
+        if runs.stress.worst:
+            self.signs = worst_signs(problem, self.loop, horizon=horizon, seeds=runs.seeds, observed=self.heeds)
+        self.limit: float | Array | None = runs.stress.saturation
+        if runs.stress.worst and problem.actuators is not None and self.limit is None:
+            limits = [problem.actuators.limit_of(label) for label in problem.network.labels]
+            self.limit = np.array([np.inf if x is None else float(x) for x in limits])[:, None, None]
         self.stopped: dict[int, tuple[Array, Array]] = {}
 
     def noise(self, k: int) -> Array:
@@ -81,6 +90,7 @@ class Crew:
         if k % BLOCK == 0:
             size = (min(BLOCK, self.count - k), *self.shape)
             self.drawn = np.stack([rng.standard_normal(size) for rng in self.noises], axis=3)
+            self.drawn = np.sign(self.drawn) if self.stress.worst else self.drawn
         return np.asarray(self.stress.noise * self.drawn[k % BLOCK])
 
     def command(self, e: Array, dhat: Array) -> Array:
@@ -88,8 +98,7 @@ class Crew:
         u = np.asarray(-(self.loop.K @ e.reshape(-1, e.shape[2])).reshape(e.shape))
         if self.heeds:
             u = u - dhat
-        bound = self.stress.saturation
-        return u if bound is None else np.asarray(np.clip(u, -bound, bound))
+        return u if self.limit is None else np.asarray(np.clip(u, -self.limit, self.limit))
 
     def control(self, e: Array, dhat: Array, chosen: IndexArray | slice = slice(None)) -> Array:
         """The input that is applied in all or the chosen runs."""
@@ -121,12 +130,16 @@ class Crew:
         """The disturbance that no exosystem knows, (n, m, R); times (R,), or any number of them for a single run."""
         if not self.stress.disturbance:
             return np.zeros_like(times + self.phase[..., chosen])
+        if self.signs is not None:
+            return self.stress.disturbance * self.signs.at(times, np.arange(self.phase.shape[2])[chosen])
         return np.asarray(self.stress.disturbance * np.sin(self.stress.frequency * times + self.phase[..., chosen]))
 
     def extra_integral(self, begin: float, end: float) -> Array:
         """Its integral between two times, (n, m, R)."""
         if not self.stress.disturbance:
             return np.zeros_like(self.phase)
+        if self.signs is not None:
+            return self.stress.disturbance * self.signs.integral(begin, end)
         half = (end - begin) / 2
         # The mean value times the length: no cancellation where the frequency is small.
         shrink = np.sinc(self.stress.frequency * half / np.pi)

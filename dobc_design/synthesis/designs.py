@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.errors import SpecError
@@ -63,11 +63,14 @@ def design_pinning(
     pins: int | Literal["fewest"] | None = None,
     digits: int = 4,
     region: Number | bool | None = None,
+    conservative: bool = False,
     progress: Reports[str] = None,
 ) -> PinningDesign:
     """Design the cheapest pinning gains for a decay rate, and prove what is said of them.
 
-    ``rate`` (1/s): at the consensus Lambda < -2 rate I in every mode, so V = e'e of (22) with eps = 0 decays at it.
+    ``rate`` (1/s): near the target every error decays at it (eps = 0).  One mode: the true local rate, with V = e'De;
+    several: with weights D common to all.  ``conservative``: with V = e'e, Lambda < -2 rate I in every mode; such gains
+    come with a lower bound of their cost (those of one undirected network always do).
     ``region``: a radius of |e_i|, or True for the problem's [region]; the gains then come with a max-separable
     certificate that covers it, and with no lower bound of their cost.  ``allowed``: labels of agents that may be pinned
     (default all).  ``cost``: c_i > 0, a number or label -> number, of sum c_i k_i.  ``max_gain`` (1/s): cap of every
@@ -83,6 +86,7 @@ def design_pinning(
     """
     problem = load_problem(problem)
     limits = {"allowed": allowed, "cost": cost, "max_gain": max_gain, "pins": pins, "digits": digits}
+    limits["conservative"] = conservative
     request = read_request(problem.network.labels, rate=rate, **limits)
     report = report_to(progress)
     if region is None:
@@ -102,6 +106,7 @@ def design(
     noise: Noise | None = None,
     digits: int = 3,
     reduce: bool = True,
+    conservative: bool = False,
     progress: Reports[str] = None,
 ) -> Design:
     """Design observer gain, pinned agents and gains together, so that ``certify`` proves what the problem asks.
@@ -111,8 +116,8 @@ def design(
     as it takes.  ``max_gain`` (1/s): cap of every gain, a number or label -> number.  ``allowed``: labels of agents
     that may be pinned.  ``noise``: bound on the H-infinity norm from measurement noise to dhat, or NoiseLimit.
     ``digits`` of W and of the gains: what is certified are the rounded numbers.  ``reduce``: an exosystem with a part
-    that C does not see and that does not decay is replaced by its observable part.  ``progress``: as in
-    ``certify``.
+    that C does not see and that does not decay is replaced by its observable part.  ``conservative``:
+    without a [region], gains for V = e'e in place of the true local rate.  ``progress``: as in ``certify``.
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
     with the nearest possible request.  Raises: SpecError for a wrong argument.
     Example:
@@ -121,7 +126,8 @@ def design(
     """
     problem = load_problem(problem)
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
-    request = read_design_request(problem.network.labels, digits=digits, reduce=reduce, **limits)
+    how: dict[str, Any] = {"digits": digits, "reduce": reduce, "conservative": conservative}
+    request = read_design_request(problem.network.labels, **how, **limits)
     return search_design(problem, request, report_to(progress))
 
 

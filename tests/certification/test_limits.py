@@ -219,22 +219,32 @@ C = [[1]]
 
 
 def test_a_faster_observer_reaches_a_rate_that_gains_alone_do_not(tmp_path: Path):
-    """Pins on 2 and 5 with gain 12 and W = 5 are certified at 1.046 1/s; 0.9 was once undecided."""
+    """Gains of 12 on 2 and 5 and W = 5 reach 0.9 for V = e'e; the true rate takes a quarter of that."""
     stages: list[str] = []
     found = dd.design(loaded(tmp_path, FIVE), rate="0.9", pins=2, progress=stages.append)
-    assert (found.verdict, set(found.gains)) == (dd.Verdict.PROVED, {"2", "5"})
+    assert (found.verdict, len(found.gains)) == (dd.Verdict.PROVED, 2)
+    assert found.cost is not None and found.cost < 6
     assert found.rate is not None
     assert found.rate >= 0.9
     assert "deciding the theorem" in stages
 
 
 @pytest.mark.parametrize("rate", ["1.15", "1.6"])
-def test_the_nearest_request_is_the_fastest_that_was_proved(rate: str, tmp_path: Path):
-    """Gains of 12 on agents 2 and 5 and W = 5 are certified at 1.046 1/s, so that less is not the nearest."""
+def test_rates_that_the_plain_v_does_not_reach_are_proved_with_weights(rate: str, tmp_path: Path):
+    """For V = e'e the fastest with two pins is near 1.05 1/s, and comes as the nearest request."""
+    problem = loaded(tmp_path, FIVE)
+    found = dd.design(problem, rate=rate, pins=2)
+    assert found.verdict is dd.Verdict.PROVED
+    assert (found.rate or 0) >= float(rate)
+    assert (found.certificate or dd.certify(problem)).covered_by == "theorem1-weighted"
+
+
+@pytest.mark.parametrize("rate", ["2.5", "4"])
+def test_a_rate_that_two_pins_cannot_reach_comes_with_more_pins_that_do(rate: str, tmp_path: Path):
     found = dd.design(loaded(tmp_path, FIVE), rate=rate, pins=2)
-    assert found.verdict is dd.Verdict.UNDECIDED
-    assert found.nearest is not None
-    assert (found.nearest.rate or 0) >= 1
+    assert (found.verdict, found.binding) == (dd.Verdict.REFUTED, "pins")
+    assert found.nearest is not None and len(found.nearest.gains) > 2
+    assert (found.nearest.rate or 0) >= float(rate)
 
 
 @pytest.mark.parametrize(("arcs", "radius"), [("[2, 1]", "1.6"), ("[2, 1, 1.02]", "1.81")])

@@ -51,18 +51,22 @@ def test_lemma_1_takes_the_place_of_theorem_1_without_an_exosystem():
     certificate = certify(problem(exosystem=CONSTANT, observer=Observer(W=[[-1]])))
     assert certificate.check("lemma1").verdict is PROVED
     assert certificate.verdict is REFUTED
-    assert certify(problem(exosystem=CONSTANT, observer=Observer(W=[[1]]))).covered_by == "theorem1"
+    certificate = certify(problem(exosystem=CONSTANT, observer=Observer(W=[[1]])))
+    assert certificate.covered_by == "theorem1-weighted"  # at a better rate than theorem1, which is proved as well
+    assert certificate.check("theorem1").verdict is PROVED
 
 
 def test_lemma_1_has_to_hold_in_every_mode_and_the_slowest_speaks():
-    """One V = e'e for all modes: rates 1 (one pin would do less) and 3/2; a mode that fails spoils it."""
+    """One V = e'e for all modes, at the rate of the slowest; one V = e'De is faster; a mode that fails spoils e'e."""
     two = {"a": PAIR, "b": [[1, 2]]}
     certificate = certify(problem(two, gains={1: 2, 2: 2}))
     assert certificate.verdict is PROVED
-    assert certificate.rate == min(c.rate for c in certificate.checks if c.id == "lemma1")
+    plain = min(c.rate for c in certificate.checks if c.id == "lemma1")
+    assert certificate.covered_by == "theorem2-weighted"
+    assert plain < certificate.rate <= 2  # the eigenvalues are 2 and 4, 2 and 3
     failing = problem({"a": PAIR, "b": [[1, 2, 50]]}, gains=1)
     assert [c.verdict for c in certify(failing).checks if c.id == "lemma1"] == [PROVED, REFUTED]
-    assert certify(failing).covered_by == "max-separable"  # v = (1, 1): |e|_inf decreases in both, from every start
+    assert certify(failing).covered_by == "theorem2-weighted"
 
 
 def test_a_local_proof_never_covers_a_region():

@@ -7,7 +7,6 @@ import json
 import math
 import random
 import time
-from contextlib import suppress
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from checker_cases import FAILS, HOLDS, Case, alone, misjudged, outcome
+from checker_cases import FAILS, HOLDS, Case, accepted_by, alone, misjudged, outcome
 from lure_cases import HARMONIC, PAPER_GAIN
 from mutants import mutate
 from quadratic_cases import ONCE, SHARP, TWICE, WAVY, chain, grid, quadratic_cases, timed, ways
@@ -26,7 +25,6 @@ from staging_cases import problem as staged_problem
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
-from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.checker import quadratic
 from dobc_design.checker.matrices import identity
@@ -35,7 +33,6 @@ from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.quadratic.stage import quadratic_stage
 from dobc_design.conditions.schedule.checks import settling_check
 from dobc_design.conditions.schedule.decide import Settling
-from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
@@ -326,15 +323,6 @@ def ring(n: int, *, coupling: str, gains: object, s: Fraction | None = None) -> 
     return Problem(network=network, coupling=coupling, gains=gains, target=0, region=region, **observed)
 
 
-def accepted_by(document: dict[str, object], problem: Problem) -> tuple[bool, bool]:
-    """Whether the package and the lone checker accept; what cannot be read is refused."""
-    data = json.dumps(document).encode()
-    package = False
-    with suppress(CertificateError):
-        package = recheck(data, problem).holds
-    return package, outcome(data, canonical_bytes(problem)) == HOLDS
-
-
 @pytest.mark.parametrize(
     ("id", "problem", "count"),
     [
@@ -350,7 +338,7 @@ def test_what_one_program_refuses_the_other_refuses(id, problem, count):
     stage = quadratic_stage if id == "lure" else exhaustive_stage
     asked = read_region(problem, problem.observer.W, domain="consensus", everything=id == "exhaustive")
     check = json.loads(json.dumps(stage(asked, lambda _: None)[0].to_json()))
-    regional = ("max-separable", "delay", "sampling", "lure", "exhaustive")
+    regional = ("max-separable", "delay", "sampling", "lure", "exhaustive", "tolerance")
     document["checks"] = [*(each for each in document["checks"] if each["id"] not in regional), check]
     document |= {"verdict": "proved", "rate": check["rate"], "covered_by": id}
     assert accepted_by(document, problem) == (True, True)

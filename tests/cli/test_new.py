@@ -178,7 +178,7 @@ def test_completion_offers_problems_files_and_conditions(tmp_path, monkeypatch):
     assert problem_names("su") == ["sub/"]
     assert problem_names("sub/") == ["sub/deep.json"]
     assert problem_names("nowhere/x") == []
-    assert ids("theorem1") == ["theorem1", "theorem1-printed"]
+    assert ids("theorem1") == ["theorem1", "theorem1-printed", "theorem1-weighted"]
 
 
 def shell(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:

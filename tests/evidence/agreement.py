@@ -46,6 +46,7 @@ VERDICTS = ("proved", "refuted", "undecided")
 KINDS = (
     *("vector states", "couplings by list", "groups", "exosystems", "matrix gains", "kinks", "several modes"),
     *("no region", "regions just inside where h is defined", "regions beyond where h is defined"),
+    "plants beside the model",
 )
 MANY = 200  # problems among which every kind occurs
 
@@ -88,6 +89,7 @@ def kinds(problem: Problem) -> Iterator[str]:
         problem.region is None,
         edged and _defined(problem, 1) and not _defined(problem, 2),
         edged and not _defined(problem, 1),
+        problem.uncertainty is not None,
     )
     yield from (kind for kind, true in zip(KINDS, found, strict=True) if true)
 
@@ -126,6 +128,11 @@ def any_problem(seed: int) -> Problem:
         if kind < 0.4 and len(given) > 2:
             given["region"]["initial_disturbance"] = r.choice(("0", "1/10", "1/2"))
     listed = m == 2 and r.random() < 0.5
+    if r.random() < 0.5:
+        names = r.sample(("weights", "gains", "disturbance", "drift", "measurement"), 2)
+        given["uncertainty"] = {name: r.choice(("1/100", "1/20", "0")) for name in names}
+        given["uncertainty"] |= {"known_to_agents": r.random() < 0.7}
+        given["actuators"] = {"amplitude": r.choice(("0", "1/2")), "limit": r.choice((2, 10, None))}
     return Problem(
         network=Network.from_arcs(modes, arrow="listens_to", agents=n),
         coupling=r.choice(LISTS if listed else r.choice((SMOOTH, EDGES, KINKS))),

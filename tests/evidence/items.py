@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from evidence import (
+    accuracy,
     agreement,
     bad_files,
     bad_samples,
@@ -16,6 +17,8 @@ from evidence import (
     hadamard,
     hostile,
     jacobians,
+    local,
+    margins,
     mutation,
     optimal,
     pinning,
@@ -55,12 +58,17 @@ ITEMS = (
     Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000, share=20),
     Item(name="decision", run=certificates.decision, count=200, seed=6000, share=40),
     Item(name="outside", run=certificates.outside, count=300, seed=6000, share=0),  # a fast test runs 60
-    Item(name="kills", run=robustness.kills, count=200, seed=8000, share=100),
+    Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=20),
+    Item(name="tolerances", run=margins.tolerances, count=1000, seed=12_000),
+    Item(name="inputs", run=margins.inputs, count=10_000, seed=12_000),
+    Item(name="kills", run=robustness.kills, count=200, seed=8000, share=50),
     Item(name="writers", run=robustness.writers, count=200, seed=8000, share=20),
-    Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=30),
-    Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=60),  # the count is seconds of CPU time
+    Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=15),
+    Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=30),  # the count is seconds of CPU time
     Item(name="agreement", run=agreement.run, count=400, seed=8500, share=40),
     Item(name="cures", run=certificates.cures, count=500, seed=8000, share=100),
+    Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),
+    Item(name="any-sign", run=local.any_sign, count=400, seed=9200, share=40),
     Item(name="decided", run=certificates.decided, count=500, seed=9000, share=100),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=100),  # points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=200),  # the count is starts
@@ -68,6 +76,7 @@ ITEMS = (
     Item(name="optimal", run=optimal.pinning, count=10_000, seed=9700),
     Item(name="optimal-boxes", run=optimal.boxes, count=10_000, seed=9750),
     Item(name="designs", run=designs.requests, count=100, seed=9900),
+    Item(name="true-rate-designs", run=designs.true_rate, count=200, seed=9950),
     Item(name="built-in-designs", run=designs.built_in, count=6, seed=0),
     Item(name="hadamard", run=hadamard.run, count=240, seed=7000),
     Item(name="hostile", run=hostile.run, count=250, seed=9800, share=12),

@@ -70,7 +70,7 @@ def _gains_at_the_consensus(r: Random) -> Iterator[Case]:
     problem = Problem(network=Network(labels=labels, modes={f"G{k}": p for k, p in enumerate(parts)}), coupling="y")
     allowed = labels if r.random() < 0.5 else labels[: r.randint(n - 2, n)]
     cost = {label: Fraction(r.randint(1, 8), 4) for label in labels}
-    asked: dict[str, Any] = {"rate": RATE / 10, "allowed": allowed, "cost": cost, "digits": 12}
+    asked: dict[str, Any] = {"rate": RATE / 10, "allowed": allowed, "cost": cost, "digits": 12, "conservative": True}
     design = dd.design_pinning(problem, **asked)
     cap = None
     if kind == "caps" and design.cost:

@@ -17,6 +17,7 @@ from dobc_design.problem.schema import RESERVED, json_schema
 from dobc_design.problem.settings import KEYS, SIGNALS
 
 TABLES = ("network", "coupling", "pinning", "exosystem", "observer", "formation", "region", "switching", "simulation")
+TABLES += ("uncertainty", "actuators")
 CONTRACT = {
     "": {"schema", "name", "notes", "target", *TABLES},
     "network": {"agents", "arrow", "modes"},
@@ -30,6 +31,8 @@ CONTRACT = {
     "region": {"initial_states", "initial_disturbance"},
     "switching": {"signal", "dwell", *(key for keys in KEYS.values() for key in keys)},
     "simulation": {"t_final", "seed", "xi0", "x0"},
+    "uncertainty": {"weights", "gains", "known_to_agents", "disturbance", "drift", "measurement"},
+    "actuators": {"limit", "amplitude"},
 }
 
 

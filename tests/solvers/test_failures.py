@@ -279,8 +279,9 @@ def test_a_pair_that_nobody_finds_leaves_the_theorem_undecided(without_solvers, 
     assert certificate.check("theorem1").verdict is Verdict.UNDECIDED
     assert "no pair (P, Q) was found" in certificate.check("theorem1").reason
     assert (certificate.verdict, certificate.claims.covered_by) == (Verdict.PROVED, "max-separable")
-    local = without_region(problem)
-    assert dd.certify(local).verdict is Verdict.UNDECIDED
+    local = dd.certify(without_region(problem))  # the weighted theorem proposes its P itself
+    assert local.check("theorem1").verdict is Verdict.UNDECIDED
+    assert local.claims.covered_by == "theorem1-weighted"
     assert dd.verify(certificate, problem).holds
 
 

@@ -200,7 +200,11 @@ def outside_campaign(seeds: Iterable[int]) -> Tally:
             tally.wrong.append(f"{seed}: proved, largest real parts {tops}")
         if verdict is Verdict.REFUTED and max(tops.values()) < -1e-12 - 1e-9 * _size(loops):
             tally.wrong.append(f"{seed}: refuted, largest real parts {tops}")
-        lyapunov = certificate.covered_by not in ("max-separable", "lure")  # whose V is another one
+        lyapunov = certificate.covered_by not in (
+            "max-separable",
+            "lure",
+            "linearisation",
+        )  # whose V is another one, or none
         if verdict is Verdict.PROVED and certificate.rate and lyapunov:
             weight = _weight(problem, certificate, oracle)
             tally.wrong += _slower_than(certificate.rate, loops, weight, seed=seed)
@@ -226,6 +230,10 @@ def _weight(problem: Problem, certificate: object, oracle: Oracle) -> np.ndarray
     claims = certificate.claims  # type: ignore[attr-defined]
     P = problem.observer.P if str(claims.covered_by).endswith("printed") else claims.P
     network = np.eye(oracle.n * oracle.m)
+    if str(claims.covered_by).endswith("weighted"):
+        exact = certificate.check(claims.covered_by).exact  # type: ignore[attr-defined]
+        network = np.diag([float(Fraction(x)) for x in exact["D"]])
+        P = [[Fraction(x) for x in row] for row in exact["P"]] if "P" in exact else None
     if P is None:
         return network
     return linalg.block_diag(network, np.kron(np.eye(oracle.n), np.array(P, dtype=float)))

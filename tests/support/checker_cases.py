@@ -14,6 +14,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
@@ -24,7 +25,9 @@ from regions import without_region
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
+from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
+from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -57,6 +60,15 @@ def outcome(certificate: bytes, problem: bytes) -> int:
         return HOLDS if all(holds for holds, _ in checker.examine(certificate, problem)) else FAILS
     except checker.Refused:
         return UNREADABLE
+
+
+def accepted_by(document: dict[str, object], problem: Problem) -> tuple[bool, bool]:
+    """Whether the package and the lone checker accept; what cannot be read is refused."""
+    data = json.dumps(document).encode()
+    package = False
+    with suppress(CertificateError):
+        package = recheck(data, problem).holds
+    return package, outcome(data, canonical_bytes(problem)) == HOLDS
 
 
 def misjudged(cases: list[Case]) -> list[str]:

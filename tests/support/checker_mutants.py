@@ -25,6 +25,8 @@ FILES = (
     "files",
     "consensus",
     "separable",
+    "accuracy",
+    "margins",
     "quadratic",
     "schedule",
     "examine",

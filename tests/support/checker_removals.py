@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from accuracy_cases import accuracy_cases
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_mutants import FILES, Removal, removals, without
 from groups_cases import groups_cases
+from margins_cases import margins_cases
 from quadratic_cases import quadratic_cases
 from region_cases import region_cases
+from weighted_cases import weighted_cases
 
+MORE = (weighted_cases, margins_cases, accuracy_cases)
 #: The cases to try first.
 FIRST = {
     "separable": region_cases,
+    "margins": margins_cases,
+    "accuracy": accuracy_cases,
     "quadratic": quadratic_cases,
     "schedule": quadratic_cases,
 }
@@ -24,6 +30,7 @@ EQUIVALENT = {
     "len(X) <= 20": "it bounds the work.",
     "size <= COMPONENTS": "it bounds the work.",
     "len(tree) <= LETTERS": "it bounds the work; test_quadratic_checker.py has a longer one.",
+    "p.n <= AGENTS": "it bounds the work.",
     "halvings > 0": "it ends the search: without it a box that is not shown is cut for ever.",
     "left > 0": "it bounds the work.",
     "len(free) <= 12": "it bounds the work.",
@@ -45,7 +52,9 @@ def noticed_by(removal: Removal) -> str | None:
     module = without(removal)
     first = FIRST.get(removal.file, cases)
     for case in (
-        case for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases)) for case in each()
+        case
+        for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases, *MORE))
+        for case in each()
     ):
         if outcome(module.examine, module.Refused, case) != case.code:
             return case.name

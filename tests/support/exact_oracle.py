@@ -229,8 +229,11 @@ class Oracle:
         found = {"undecided"}
         region = self.document["region"]
         held = self.smooth and all(self.lemma(mode) for mode in self.modes)
-        heard = self.A is None or (W is not None and hurwitz(self.error(W)))
+        heard = self.error_decays(W)
         if held and heard and (region is None or self.linear):
+            found.add("proved")
+        one = len(self.modes) == 1 and self.exact and all(hurwitz(self.loop(mode)) for mode in self.modes)
+        if one and heard and (region is None or self.linear):
             found.add("proved")
         if self._fails(region):
             found.add("refuted")
@@ -290,6 +293,12 @@ class Oracle:
         carrying = [c for c in covering if c["id"] == document["covered_by"] and c["id"] in COVERING]
         if verdict == "proved" and carrying:
             return [] if document["rate"] == carrying[0]["rate"] else ["rate"]
+        own = [
+            c for c in checks if c["id"] == document["covered_by"] and c["id"].endswith(("weighted", "linearisation"))
+        ]
+        if verdict == "proved" and own and (self.document["region"] is None or self.linear):
+            said = (document["rate"], own[0]["verdict"]) == (own[0]["rate"], "proved")
+            return [] if said and self.error_decays(W) else ["rate or the check of a proved verdict"]
         beside = self.document["region"] is not None and any(
             c["id"] == "equilibrium" and c["verdict"] == "refuted" for c in checks
         )
@@ -321,6 +330,10 @@ class Oracle:
             return self._false_plain(check, W)
         if not self.smooth:
             return ["no theorem applies"]
+        if id.endswith("weighted"):
+            return self._false_weights(check, W)
+        if id == "linearisation":
+            return self._false_linearisation(check, W)
         if id.endswith("printed"):
             if self.P is None or self.W is None:
                 return ["no printed pair"]
@@ -366,6 +379,45 @@ class Oracle:
                 if not negative_definite(self.psi(mode, P, Q, margin=extra + self.slack(), rate=pace)):
                     return [f"Psi < 0 in {mode}"]
         return self._false_exact(check["exact"], P, Q)
+
+    def _false_weights(self, check: dict[str, Any], W: Rows | None) -> list[str]:
+        """V = e'De + sum eps_i' P eps_i along (22), as one matrix."""
+        rate, exact = Fraction(repr(check["rate"] or 0.0)), check.get("exact") or {}
+        positive = check["rate"] is None or rate > 0
+        if check["verdict"] != "proved" or not positive or check["margin"] is not None or check.get("witness"):
+            return ["margin, rate or witness"]
+        D = [number(x) for x in exact["D"]]
+        P = numbers(exact["P"]) if self.A is not None else []
+        if min(D) <= 0 or (P and (turned(P) != P or not positive_definite(P))) or (self.A is not None and W is None):
+            return ["D or P"]
+        V = [[D[i] if i == j else Fraction(0) for j in range(len(D))] for i in range(len(D))]
+        corner = zeros(len(D), self.n * len(P))
+        if P:
+            V = block([[V, corner], [turned(corner), kron(eye(self.n), P)]])
+        for mode in self.modes:
+            loop = self.loop(mode)
+            if W is not None and self.C is not None:
+                own = kron(eye(self.n), self.error(W))
+                loop = block([[loop, kron(eye(self.n), self.C)], [turned(corner), own]])
+            if not negative_definite(plus(dot(V, loop), turned(dot(V, loop)), times(2 * rate, V))):
+                return [f"V' <= -2 rate V in {mode}"]
+        return []
+
+    def _false_linearisation(self, check: dict[str, Any], W: Rows | None) -> list[str]:
+        (mode,) = self.modes
+        if check["margin"] is not None or check.get("witness") or not self.exact:
+            return ["margin or witness"]
+        if check["verdict"] == "refuted":
+            roots = number((check.get("exact") or {})["unstable_roots"])
+            return [] if check["rate"] is None and 0 < roots <= self.unstable_roots(mode) else ["unstable_roots"]
+        rate = Fraction(repr(check["rate"] or 0.0))
+        loops = [self.loop(mode), *([self.error(W)] if self.A is not None and W is not None else [])]
+        shifted = [plus(x, times(rate, eye(len(x)))) for x in loops]
+        decays = (check["rate"] is None or rate > 0) and all(map(hurwitz, shifted))
+        return [] if decays and (self.A is None or W is not None) else ["rate"]
+
+    def error_decays(self, W: Rows | None) -> bool:
+        return self.A is None or (W is not None and hurwitz(self.error(W)))
 
     def _false_exact(self, exact: dict[str, Any], P: Rows, Q: Rows) -> list[str]:
         assert self.C is not None

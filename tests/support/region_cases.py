@@ -19,6 +19,7 @@ from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, bend, networ
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
+from dobc_design.conditions.kinds import KINDS
 from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem
@@ -133,6 +134,7 @@ def _frames() -> dict[str, tuple[bytes, bytes]]:
         document = json.loads(certificate_bytes(certify(Problem(**settings | {"region": None})).claims))
         data = canonical_bytes(problems()[name])
         document["problem_sha256"] = hashlib.sha256(data).hexdigest()
+        document["checks"] = [check for check in document["checks"] if KINDS[check["id"]].role != "region"]
         domains = {check["id"]: check["domain"] for check in document["checks"]}
         if "region" in settings and domains.get(document["covered_by"]) != GLOBAL:
             document |= UNDECIDED

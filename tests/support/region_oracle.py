@@ -18,7 +18,7 @@ from region_quadratic import Quadratic
 from region_settling import false_settling
 from scipy import optimize
 
-IDS = ("max-separable", "delay", "sampling", "lure", "exhaustive", "settling", "equilibrium")
+IDS = ("max-separable", "delay", "sampling", "lure", "exhaustive", "settling", "equilibrium", "tolerance", "actuators")
 COVERING = ("max-separable", "lure", "exhaustive")
 SIZES = np.unique(
     np.concatenate([np.geomspace(1e-5, 1, 40), np.linspace(0.01, 1, 100), 1 - np.geomspace(1e-6, 0.1, 12)])
@@ -48,14 +48,18 @@ class Regions:
         self.A = None if exosystem is None else rational(exosystem["A"])
         self.C = None if exosystem is None else rational(exosystem["C"])
         self.F = None if self.A is None or W is None else self.A - rational(W) * self.C
+        self.errors = (Fraction(0), Fraction(0))  # of weights and gains, relative
         # Of each agent: its first row of C and its own states, where agents have different exosystems.
         order = 0 if self.A is None else self.A.nrows()
         self.own = (exosystem or {}).get("own", [(0, list(range(order)))] * self.n)
 
     def held(self, i: int) -> Fraction:
-        """The least of k_cc - sum over d != c of |k_cd|."""
-        k = self.gains.get(i, [[Fraction(0)]])
-        return min(row[c] - sum(abs(x) for d, x in enumerate(row) if d != c) for c, row in enumerate(k))
+        """The least of k_cc - sum over d != c of |k_cd|, every entry off by the error of the gains."""
+        k, off = self.gains.get(i, [[Fraction(0)]]), self.errors[1]
+        rows = [
+            [x - off * abs(x) if c == d else abs(x) * (1 + off) for d, x in enumerate(row)] for c, row in enumerate(k)
+        ]
+        return min(2 * row[c] - sum(row) for c, row in enumerate(rows))
 
     def linear(self, arc: tuple[int, int], c: int) -> bool:
         """Whether component c of what the arc says is a polynomial of degree 1 at most."""
@@ -86,6 +90,8 @@ class Regions:
             return [] if claims == [None] * 3 else ["claims of an undecided check"]
         if self.A is not None and self.W is None:
             return ["no W"]
+        if id == "tolerance" and "v" in check["exact"]:
+            return self._tolerance(check, check["exact"]["v"], domain)
         if id == "equilibrium":
             return self._equilibrium(check)
         if verdict == "refuted":
@@ -103,6 +109,10 @@ class Regions:
             return ["no proof beside it"]
         if id == "max-separable":
             return self._separable(check, domain)
+        if id == "tolerance":
+            return self._tolerance(check, proof["exact"]["v"], domain, proof["exact"])
+        if id == "actuators":
+            return self._inputs(check, proof["exact"], domain)
         if id == "delay":
             return self._delay(check["exact"], check["rate"], proof["exact"])
         own = check["exact"].get("certificate", proof["exact"])
@@ -167,7 +177,7 @@ class Regions:
                     part = self._arc(i, j, v)
                     low, high = -s * (u[i] + theta * u[j]), s * (theta * u[j] - u[i])
                     values = part[0].highest(low, high, face, part[0].turns(part[1] * float(rho) * theta))
-                    total[i] += float(w) * values
+                    total[i] += float(w) * (values + float(self.errors[0]) * np.abs(values))
                     size[i] += float(w) * np.abs(values)
                 excess = np.where(np.isfinite(total), total / size, np.inf)
                 i, k = np.unravel_index(int(np.argmax(excess)), excess.shape)
@@ -188,6 +198,7 @@ class Regions:
                 part, scale = self._arc(i, j, v)
                 near = part.turns(scale * float(s) * float(theta))
                 value = mp(w) * part.truly_highest(lo, hi, face, near)
+                value += mp(self.errors[0]) * abs(value)
                 total, size = total + value, size + abs(value)
         return total, size
 
@@ -258,6 +269,76 @@ class Regions:
                         after += period * s * u[:, None] * np.array([row[c] for row in rest])[:, None]
                         if np.any(after > s * u[:, None] * (float(f) + ROOM)):
                             return ["a step overshoots"]
+        return []
+
+    def _tolerance(self, check: dict[str, Any], v: Any, domain: str, base: dict[str, Any] | None = None) -> list[str]:
+        """The rows with every weight and gain at its worse end: those of ``base``, or at a target without kinks."""
+        e, given = check["exact"], self.document.get("uncertainty") or {}
+        self.errors = exact(e["weights"]), exact(e["gains"])
+        try:
+            alpha, v, rate = exact(e["alpha"]), self.vector(v), Fraction(repr(check["rate"] or 0.0))
+            rho = Fraction(1, 10**9) if base is None else exact(base["rho"] or 1)
+            fails = alpha <= 0 or self.false_rows(v, rho=rho, alpha=alpha)
+        finally:
+            (weights, gains), self.errors = self.errors, (Fraction(0), Fraction(0))
+        if (
+            fails
+            or not 0 <= weights < 1
+            or weights < exact(given.get("weights") or 0)
+            or rate < 0
+            or check.get("witness")
+        ):
+            return ["rows, errors or rate"]
+        if gains >= 1 or gains < exact(given.get("gains") or 0) or ("eta" in e) is given.get("known_to_agents", True):
+            return ["errors or eta"]
+        if base is None:
+            said = check["domain"] == domain and (check["rate"] is None) is (self.A is not None)
+            return [] if said and rate <= alpha and "eta" not in e else ["domain or rate"]
+        if self.A is None:
+            return [] if 0 < rate <= alpha else ["rate"]
+        eta, beta, kappa = (exact(x) for x in (e.get("eta", "0"), base["beta"], base["kappa"]))
+        if "eta" in e and eta < self._pull(v, rho, base) * weights * (1 - Fraction(1, 10**6)):
+            return ["eta"]
+        return [] if 0 < rate <= min(alpha - kappa * eta, beta - 1 / (kappa * min(v))) else ["rate"]
+
+    def _pull(self, v: list[Fraction], rho: Fraction, base: dict[str, Any]) -> Fraction:
+        """max |W|_P sum_j w (v_i + v_j) sup |h(y)/y| over the modes and agents, from samples of y."""
+        P, W = (
+            np.array([[float(Fraction(str(x))) for x in row] for row in M.tolist()])
+            for M in (rational(base["P"]), rational(self.W))
+        )
+        roots, most = np.sqrt(np.einsum("ak,ab,bk->k", W, P, W)), 0.0
+        norm = max(sum(roots[k : k + self.m]) for k in range(0, len(roots), self.m))
+        for arcs in self.modes.values():
+            for agent in range(self.n):
+                lone = 0.0
+                for i, j, w in arcs:
+                    if i == agent:
+                        y = float(rho * (v[i] + v[j])) * np.concatenate([-SIZES, SIZES])
+                        lone += float(w * (v[i] + v[j])) * np.max(np.abs(curve(self.h[i, j]).fast(y) / y))
+                most = max(most, lone)
+        return Fraction(float(norm * most))
+
+    def _inputs(self, check: dict[str, Any], base: dict[str, Any], domain: str) -> list[str]:
+        """u_i = -K_i e_i - d_i + C eps_i on {N + kappa E <= rho}, with the largest disturbance that is given."""
+        e, table = check["exact"], self.document["actuators"]
+        v, rho, off = (
+            self.vector(base["v"]),
+            exact(e["rho"]),
+            exact((self.document.get("uncertainty") or {}).get("gains") or 0),
+        )
+        _, wrong = self._holding({**base, "rho": e["rho"]}, check["domain"], domain)
+        if wrong or check["rate"] is not None or rho > exact(base["rho"] or rho) or table["amplitude"] is None:
+            return wrong or ["rate, rho or amplitude"]
+        for i, label in enumerate(self.document["labels"]):
+            gain = max((sum(map(abs, row)) for row in self.gains.get(i, [[0]])), default=0) * (1 + off)
+            noise = 0 if self.A is None else 1 / exact(base["kappa"])
+            limit = table["limit"] if not isinstance(table["limit"], dict) else table["limit"].get(label)
+            most = exact(e["inputs"][label])
+            if most < max(gain * v[i], noise) * rho + exact(table["amplitude"]) or (
+                limit is not None and most > exact(limit)
+            ):
+                return [f"the input of agent {label}"]
         return []
 
     def _stuck(self, check: dict[str, Any]) -> list[str]:

@@ -15,6 +15,7 @@ from fractions import Fraction
 import numpy as np
 from scipy import sparse
 
+from dobc_design.conditions import numbers
 from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, network_blocks, smallest_gains
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
@@ -28,6 +29,7 @@ LARGE = 500  # agents from which every single try takes a noticeable time
 WORK = 10_000_000  # tries times squared size
 GREEDY_WORK = 500_000  # looks times squared size of a greedy step
 LOOKED_AT = 12  # agents of the slowest direction among which a greedy step chooses, if a look is cheap
+NEARLY = 0.999  # of a rate that is aimed at
 NEARLY_ZERO = 1e-9  # relative to the entries of S
 ALIKE = 1e-6  # totals that differ by less (relatively) are a tie
 ENOUGH = Fraction(51, 50)  # two digits if they ask for at most this much more than is needed, else three
@@ -39,13 +41,15 @@ Progress = Callable[[str], None]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinProposal:
     """Gains by agent index, about; which agents are new; the ``rivals`` of a single new one.  ``keeps``: the present
-    gains stay.  ``smallest``: the least that can do; else the least for half of the fastest decay."""
+    gains stay.  ``smallest``: the least that can do; else the least for half of the fastest decay, or where V has
+    weights for the true ``rate`` (1/s), which is slower where that would take very large gains."""
 
     gains: Mapping[int, float]
     added: tuple[int, ...] = ()
     rivals: tuple[int, ...] = ()
     keeps: bool = False
     smallest: bool = True
+    rate: float = 0.0
 
     def rounded(self, *, factor: float = 1.0) -> dict[int, Fraction]:
         """The gains times ``factor``, rounded up to two or three digits."""
@@ -55,8 +59,7 @@ class PinProposal:
 def rounded_up(value: float | Fraction) -> Fraction:
     """The next number >= value > 0 with two significant digits, or three where two would ask for too much."""
     exact = Fraction(value)
-    exponent = math.floor(math.log10(exact.numerator) - math.log10(exact.denominator))
-    two, three = (math.ceil(exact / unit) * unit for unit in (Fraction(10) ** (exponent - k) for k in (1, 2)))
+    two, three = (numbers.rounded_up(exact, digits=digits) for digits in (2, 3))
     return two if two <= exact * ENOUGH else three
 
 
@@ -72,13 +75,23 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
     if not np.isfinite(rate):  # every gain > 0 would do
         rate = blocks.scale / 8 if blocks.scale else 1.0
     faster = smallest_gains(pinning.for_rate(blocks, rate), agents)
+    while blocks.weighted and faster is not None and np.max(faster) > blocks.scale:
+        rate /= 2
+        faster = smallest_gains(pinning.for_rate(blocks, rate), agents)
     if faster is not None:
-        yield replace(proposal, gains=dict(enumerate(faster.tolist())), smallest=False)
+        own = numbers.shorten(NEARLY * rate, digits=2) if blocks.weighted else 0.0
+        yield replace(proposal, gains=dict(enumerate(faster.tolist())), smallest=False, rate=own)
+
+
+def _blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
+    """For the true rate where one mode has rising couplings, else for V = e'e."""
+    weighted = network_blocks(problem, pins=pins, weighted=True) if len(problem.network.modes) == 1 else None
+    return weighted if weighted is not None and weighted.z else network_blocks(problem, pins=pins)
 
 
 def on_present_pins(problem: Problem) -> Iterator[PinProposal]:
     """New gains on the present pins; nothing if there are none, or no gains on them can do."""
-    blocks = network_blocks(problem)
+    blocks = _blocks(problem)
     if blocks is not None and problem.pinning.agents:
         yield from gains_on(blocks, problem.pinning.agents, PinProposal(gains={}))
 
@@ -94,7 +107,7 @@ def one_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[
 
 def several_more(problem: Problem, *, progress: Progress | None = None) -> Iterator[PinProposal]:
     """A small set to add, likewise; last, one gain on every agent, which always does."""
-    blocks = network_blocks(problem)
+    blocks = _blocks(problem)
     if blocks is None:
         return
     added = small_set(blocks, problem, progress=progress)
@@ -112,10 +125,10 @@ def several_more(problem: Problem, *, progress: Progress | None = None) -> Itera
 
 def _grounds(problem: Problem) -> Iterator[tuple[Blocks, tuple[int, ...]]]:
     """What to add to: the present gains as they are; the present pins with gains still to be chosen."""
-    kept = network_blocks(problem, pins=True)
+    kept = _blocks(problem, pins=True)
     if kept is not None:
         yield kept, ()
-    free = network_blocks(problem)
+    free = _blocks(problem)
     if free is not None and problem.pinning.agents:
         yield free, problem.pinning.agents
 

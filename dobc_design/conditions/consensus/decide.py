@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 from dobc_design.conditions import numbers
 from dobc_design.conditions.check import Check, Values, Witness, agrees, differs, same_witness
 from dobc_design.conditions.consensus import claim, network
-from dobc_design.conditions.consensus.claim import ZERO, Pair, PairFacts, Shown, Statements, Unstable, omega
+from dobc_design.conditions.consensus.claim import (
+    ZERO,
+    ModeJacobian,
+    Pair,
+    PairFacts,
+    Shown,
+    Statements,
+    Unstable,
+    omega,
+)
 from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, lowest_quotient, refutes
 from dobc_design.conditions.numbers import claimed, has_short_denominator, largest_proved, shorten
 from dobc_design.exact.definite import decide_positive_definite
@@ -48,18 +57,30 @@ class Proposal:
 def unstable_roots(statements: Statements, mode: str) -> int:
     """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity; 0 if not
     examined.  With diagonal slopes >= 0 and scalar gains there are none (rows weakly dominated by a diagonal <= 0)."""
+    nonnegative = (each.is_nonnegative_diagonal for each in _modes(statements, mode))
+    if all(nonnegative) and statements.problem.pinning.is_scalar:
+        return 0
+    matrix = linear_part(statements, mode)
+    return 0 if matrix is None else count_right_half_plane(characteristic_polynomial(matrix))
+
+
+def linear_part(statements: Statements, mode: str) -> Matrix | None:
+    """J - K of one mode (n m, n m); None for more than 60 rows, for slopes that are not rational or too long."""
     jacobians, pinning = statements.jacobians, statements.problem.pinning
     size = 0 if jacobians is None else jacobians.size * jacobians.dimension
     if jacobians is None or size > LARGEST_EXAMINED:
-        return 0
-    each = next(item for item in jacobians.modes if item.name == mode)
-    if not each.is_point or (each.is_nonnegative_diagonal and pinning.is_scalar):
-        return 0
+        return None
+    (each,) = _modes(statements, mode)
+    if not each.is_point:
+        return None
     entries = claim.linearisation(each, pinning, jacobians.dimension)
     if not has_short_denominator(entries.values(), MOST_COUNTING // size**2):
-        return 0
-    matrix = tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
-    return count_right_half_plane(characteristic_polynomial(matrix))
+        return None
+    return tuple(tuple(entries.get((i, j), ZERO) for j in range(size)) for i in range(size))
+
+
+def _modes(statements: Statements, mode: str) -> list[ModeJacobian]:
+    return [] if statements.jacobians is None else [each for each in statements.jacobians.modes if each.name == mode]
 
 
 def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:

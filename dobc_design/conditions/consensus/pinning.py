@@ -1,4 +1,9 @@
-"""The smallest pinning gains: minimise sum c_i k_i over k >= 0 subject to Lambda(K) <= -2 beta I (theory, section 7).
+"""The smallest pinning gains: minimise sum c_i k_i over k >= 0 subject to Lambda(K) <= -2 beta I (theory, section 7),
+or, with weights of V, subject to mu(M) >= beta (section 10), M = K - J, mu its least real part of an eigenvalue.
+
+Where J has no negative entry off its diagonal, mu(M) >= beta iff M v >= beta v for a v > 0, in each strongly connected
+part of the network by itself.  There k_i = beta - (M0 v)_i / v_i on the pins, the other rows are 0, and the sum is
+convex in log v: Newton's method.
 
 Where -(J + J') is a Z-matrix the optimum has a closed form.  Gains that several Z-matrices share are a geometric
 program, solved through its dual: the cost of every pinned agent is shared, sum over r of v_r,i^2 <= c_i, and -1/2 sum
@@ -14,8 +19,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import optimize, sparse
-from scipy.sparse.linalg import cg, splu
+from scipy import linalg, optimize, sparse
+from scipy.sparse import csgraph
+from scipy.sparse.linalg import cg, eigs, splu
 
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
 from dobc_design.problem.problem import Problem
@@ -30,12 +36,16 @@ PROGRAM_SIZE = 40_000  # squared rows of all blocks together
 ACCURACY = 1e-10  # of the conic program
 LARGE = 3000  # rows from which conjugate gradients go first, with
 ITERATIONS = 300  # steps at most
+ENOUGH = 1e-6  # of the cost: a bound this close leaves nothing to look for
 SINGULAR = 1e-11  # relative to the entries: smaller eigenvalues are not told from 0 here
 STEPS = 60  # of a bisection
 FEW_ROWS = 15  # up to which a conic program is the quicker way to shared gains
 ROWS = 5000  # agents up to which factors of sparse networks stay small
-FEW_PINS = 300  # up to which a dense Schur complement is multiplied, which is quicker than a solve
 DUAL_STEPS = 1500
+NEGATIVE = 1e-10  # relative to the entries: what counts as a gain below 0 there
+DENSE_PARTS, MANY_PINS = 200, 2000  # rows up to which all eigenvalues are computed; pins from which v is not balanced
+SHIFT = 1e-3  # of the largest entry: how far from the discs eigenvalues are looked for
+NEWTON, CLOSE = 200, 1e-10  # steps towards the smallest gains, and the relative imbalance where they end
 UNUSED = 0.1  # the part of the cost that is nobody's at the beginning, to mode 1's
 # What the gains are raised by, relatively, until all matrices are definite.
 RISES = (0.0, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
@@ -49,7 +59,8 @@ SYMMETRIC: Any = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "opti
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Blocks:
     """S = -(J + J') - 2 beta I of every mode (by component with ``width`` 1), equal ones once: S + 2 k_i on the rows of
-    agent i is to be >= 0.  ``z``: no entry off the diagonal is > 0; ``sources``: the mode and component of each."""
+    agent i is to be >= 0.  ``z``: no entry off the diagonal is > 0; ``sources``: the mode and component of each.
+    ``weighted``: S = -2 J - 2 beta I, not symmetric, is to have no eigenvalue with a negative real part."""
 
     agents: int
     width: int
@@ -57,6 +68,7 @@ class Blocks:
     scale: float
     z: bool
     sources: tuple[tuple[str, int], ...] = ()
+    weighted: bool = False
 
     @property
     def is_small(self) -> bool:
@@ -75,13 +87,22 @@ class Optimum:
     bound: float = 0.0
 
 
-def network_blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shared:
+    """Gains k (n,) that serve all blocks, and the vectors of every block that show how good they are."""
+
+    gains: Array
+    vectors: list[list[Array]]
+
+
+def network_blocks(problem: Problem, *, pins: bool = False, weighted: bool = False) -> Blocks | None:
     """Build the blocks of a problem, beta = 0; None if an entry is beyond the floats.  ``pins``: the present gains
-    stay and are part of S, so that further ones come on top of them."""
+    stay and are part of S, so that further ones come on top of them.  ``weighted``: for V with weights."""
     n, m = problem.n, problem.m
     tables: dict[bytes, Any] = {}
     sources: dict[bytes, tuple[str, int]] = {}
-    found = [sparse.coo_array(-float_lambda(problem, mode, pins=pins)) for mode in problem.network.modes]
+    lambdas = [float_lambda(problem, mode, pins=pins, twice=weighted) for mode in problem.network.modes]
+    found = [sparse.coo_array(-table) for table in lambdas]
     for table in found:
         table.sum_duplicates()
     if not all(np.all(np.isfinite(table.data)) for table in found):
@@ -99,7 +120,7 @@ def network_blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
     scale = max((float(np.max(np.abs(t.data), initial=0.0)) for t in tables.values()), default=0.0)
     z = width == 1 and all(np.all((t.data <= 0) | (t.row == t.col)) for t in map(sparse.coo_array, tables.values()))
     whole, places = tuple(tables.values()), tuple(sources.values())
-    return Blocks(agents=n, width=width, tables=whole, scale=scale, z=z, sources=places)
+    return Blocks(agents=n, width=width, tables=whole, scale=scale, z=z, sources=places, weighted=weighted)
 
 
 def for_rate(blocks: Blocks, rate: float) -> Blocks:
@@ -116,22 +137,56 @@ def fastest_rate(blocks: Blocks, allowed: Collection[int]) -> float:
 
 
 def smallest_gains(blocks: Blocks, allowed: Collection[int], *, costs: Sequence[float] | None = None) -> Array | None:
-    """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None if none can do.  The
-    optimum of one Z-matrix, or of a solver while blocks are not too large; else gains that suffice."""
+    """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None if none can do."""
     weights = np.ones(blocks.agents) if costs is None else np.asarray(costs, dtype=np.float64)
-    chosen = np.isin(np.arange(blocks.agents), list(allowed))
-    found = valid_gains(blocks, chosen, weights) if blocks.z else None
-    if blocks.z and (found is None or len(blocks.tables) == 1):
-        return found
     if not blocks.z and fastest_rate(blocks, allowed) <= 1e-9 * blocks.scale:
         return None
-    best = solve_shared(blocks.tables, chosen, weights) if blocks.z and blocks.agents > FEW_ROWS else None
-    if best is not None and (found is None or weights @ best.gains < weights @ found):
-        return best.gains
-    best = solve_program(blocks, np.flatnonzero(chosen), weights) if blocks.is_small else None
-    if best is not None and (found is None or weights @ best.gains < weights @ found):
-        return best.gains
-    return _alike(blocks, chosen) if found is None else found
+    found = cheapest_gains(blocks, np.isin(np.arange(blocks.agents), list(allowed)), weights)
+    return None if found is None else found.gains
+
+
+def cheapest_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
+    """The gains of least cost found on the ``chosen`` agents (n,): of one Z-matrix the closed form; of several their
+    dual, or a conic program while they are not too large; else gains that suffice.  None if none can do."""
+    single = [optimum(table, chosen, costs, caps) for table in blocks.tables] if blocks.z else []
+    known, found = [each for each in single if each is not None], None
+    if len(known) < len(single):
+        return None
+    if known:  # the largest gain of each agent serves all
+        best = max(range(len(known)), key=lambda k: costs @ known[k].gains)
+        vectors = [list(each.duals) if k == best and not blocks.weighted else [] for k, each in enumerate(known)]
+        found = Shared(gains=np.max([each.gains for each in known], axis=0), vectors=vectors)
+        if len(known) == 1 or blocks.weighted:
+            return found
+    shared = solve_shared(blocks.tables, chosen, costs, caps) if known and blocks.agents > FEW_ROWS else None
+    if shared is not None:
+        found = _cheaper(found, shared, [[v] for v in shared.duals], costs)
+        cost = float(costs @ shared.gains)
+        if cost - shared.bound <= ENOUGH * cost:
+            return found
+    program = solve_program(blocks, np.flatnonzero(chosen), costs, caps) if blocks.is_small else None
+    if program is not None:
+        return _cheaper(found, program, [_factors(each, z=blocks.z) for each in program.duals], costs)
+    if found is None and (caps is None or not np.any(np.isfinite(caps))):
+        gains = _alike(blocks, chosen)
+        found = None if gains is None else Shared(gains=gains, vectors=[[] for _ in blocks.tables])
+    return found
+
+
+def _cheaper(found: Shared | None, other: Optimum, vectors: list[list[Array]], costs: Array) -> Shared:
+    """The cheaper gains; where they cost about the same, the vectors of all blocks."""
+    if found is None or costs @ other.gains < costs @ found.gains:
+        return Shared(gains=other.gains, vectors=vectors)
+    return replace(found, vectors=vectors) if costs @ other.gains < costs @ found.gains * 1.000001 else found
+
+
+def _factors(Z: Array, *, z: bool) -> list[Array]:
+    """Vectors with sum v v'/2 = Z, about; of a Z-matrix the one with the same diagonal, which is no worse."""
+    if z:
+        return [np.sqrt(np.maximum(2 * np.diag(Z), 0.0))]
+    values, vectors = np.linalg.eigh((Z + Z.T) / 2)
+    top = float(np.max(values, initial=0.0))
+    return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
 
 
 def valid_gains(blocks: Blocks, chosen: Any, weights: Array) -> Array | None:
@@ -143,9 +198,14 @@ def valid_gains(blocks: Blocks, chosen: Any, weights: Array) -> Array | None:
 
 
 def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Optimum | None:
-    """The optimal gains for one symmetric Z-matrix S (n, n), at most ``caps`` (n,); None if none can do.  Source:
-    theory, section 7; with caps the multiplier of a cap is v_i^2 - c_i."""
-    return _with_caps(_uncapped, [table], chosen, weights, caps)
+    """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do.  Source: theory,
+    sections 7 and 10; with caps the multiplier of a cap is v_i^2 - c_i."""
+    return _with_caps(_uncapped, [table if is_symmetric(table) else within_parts(table)], chosen, weights, caps)
+
+
+def is_symmetric(table: Any) -> bool:
+    """Whether a sparse matrix equals its transpose."""
+    return bool((table != table.T).nnz == 0)
 
 
 def _with_caps(
@@ -168,13 +228,13 @@ def _with_caps(
 
 
 def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Optimum | None:
-    """v_i = sqrt(c_i) on the chosen agents, (S v)_i = 0 on the others, k_i = -(S v)_i / (2 v_i).  An agent whose
-    gain would be negative is set free, and v solved again."""
+    """v on the chosen agents, of symmetric S sqrt(c_i), (S v)_i = 0 on the others, k_i = -(S v)_i / (2 v_i).  An agent
+    whose gain would be negative is set free, and v solved again."""
     (table,), active = tables, np.array(chosen, dtype=bool)
-    v = np.where(active, np.sqrt(weights), 0.0)
-    size = float(np.max(np.abs(table.data), initial=0.0))
+    v, size = np.zeros(len(weights)), float(np.max(np.abs(table.data), initial=0.0))
     for _ in range(int(active.sum()) + 1):
         free = np.flatnonzero(~active)
+        v[active] = _on_pins(table, active, weights, size=size)
         if len(free):
             held = np.flatnonzero(active)
             rows = table[free]
@@ -184,16 +244,54 @@ def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Optimum | N
             v[free] = np.maximum(solution, 0.0)
         flow = table @ v
         gains = np.where(active, -flow / (2 * np.where(active, v, 1.0)), 0.0)
-        negative = active & (gains < -1e-13 * size)
+        negative = active & (gains < -NEGATIVE * size)
         if not np.any(negative):
             return Optimum(gains=np.maximum(gains, 0.0), duals=(v,))
         active &= ~negative
     return None
 
 
+def within_parts(table: Any) -> Any:
+    """The entries within strongly connected parts of the pattern, which alone have the eigenvalues."""
+    owner, entries = csgraph.connected_components(table, connection="strong")[1], sparse.coo_array(table)
+    kept = owner[entries.row] == owner[entries.col]
+    places = entries.row[kept], entries.col[kept]
+    return sparse.csr_array((entries.data[kept], places), shape=table.shape)
+
+
+def _on_pins(table: Any, active: Any, weights: Array, *, size: float) -> Array:
+    """v on the ``active`` agents for which, with (S v)_i = 0 on the others, the sum of the gains is least."""
+    pins, others = np.flatnonzero(active), np.flatnonzero(~active)
+    if len(pins) > MANY_PINS or is_symmetric(table):
+        return np.sqrt(weights[pins])
+    flows = table[pins][:, pins].toarray()
+    if len(others) and len(pins):
+        if _solve(table[others][:, others], np.ones(len(others)), size=size) is None:
+            return np.sqrt(weights[pins])
+        across = table[others][:, pins].toarray()
+        flows -= table[pins][:, others] @ factorised(table[others][:, others])(across).reshape(across.shape)
+    return _balance(-flows * weights[pins][:, None])
+
+
+def _balance(flows: Array) -> Array:
+    """v > 0 with the least sum of flows_ij v_j / v_i, entries >= 0 off the diagonal: row sums equal column sums."""
+    logs = np.zeros(len(flows))
+    for _ in range(NEWTON):
+        moved = flows * np.exp(logs[None, :] - logs[:, None])
+        np.fill_diagonal(moved, 0.0)
+        out, back = moved.sum(axis=1), moved.sum(axis=0)
+        if np.all(np.abs(out - back) <= CLOSE * (out + back)):
+            break
+        # The Hessian, a little more on its diagonal: a constant in each part changes nothing.
+        whole = np.diag(np.where(out + back > 0, (out + back) * (1 + CLOSE), 1.0)) - moved - moved.T
+        step = np.linalg.solve(whole, out - back)
+        logs += step / max(1.0, float(np.max(np.abs(step))))
+    return np.asarray(np.exp(logs))
+
+
 def _solve(matrix: Any, right: Array, *, size: float) -> Array | None:
-    """Solve M x = right for a Z-matrix M; None unless M is positive definite (M w = 1 has a solution w > 0)."""
-    if len(right) > LARGE and (quick := _iterated(matrix, right)) is not None:
+    """Solve M x = right for a Z-matrix M; None unless M is a nonsingular M-matrix (M w = 1 has a solution w > 0)."""
+    if len(right) > LARGE and is_symmetric(matrix) and (quick := _iterated(matrix, right)) is not None:
         return quick
     both = np.column_stack([right, np.ones(len(right))])
     dense = len(right) <= DENSE or matrix.nnz > FULL * len(right) ** 2
@@ -209,7 +307,7 @@ def _solve(matrix: Any, right: Array, *, size: float) -> Array | None:
 
 
 def factorised(matrix: Any) -> Callable[[Array], Array]:
-    """How to solve with a symmetric sparse matrix, again and again.  Raises: RuntimeError if it is singular."""
+    """How to solve with a sparse matrix, again and again.  Raises: RuntimeError if it is singular."""
     solve: Callable[[Array], Array] = splu(sparse.csc_array(matrix), **SYMMETRIC).solve
     return solve
 
@@ -245,11 +343,29 @@ def looseness(blocks: Blocks, allowed: Collection[int]) -> float:
 
 
 def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
-    """The smallest eigenvalue of a principal submatrix and its vector on these rows, about; inf on no rows."""
+    """The least real part of an eigenvalue of a principal submatrix, and what each of these rows has to do with it:
+    the eigenvector, or without symmetry how much a gain there would raise it.  About; inf on no rows."""
     if not len(rows):
         return float("inf"), np.zeros(0)
+    if not is_symmetric(block := sparse.csr_array(table[rows][:, rows])):
+        return _lowest_of_parts(block)
     top = largest_eigenvalue(sparse.coo_array(-table[rows][:, rows]))
     return -top.value, top.vector
+
+
+def _lowest_of_parts(block: Any) -> tuple[float, Array]:
+    """The same for a Z-matrix without symmetry: the eigenvalue and u_i w_i of its left and right eigenvectors."""
+    inner = sparse.csc_array(within_parts(block))
+    if inner.shape[0] <= DENSE_PARTS:
+        values, left, right = linalg.eig(inner.toarray(), left=True)
+        place = int(np.argmin(values.real))
+        value, u, w = values[place], left[:, place], right[:, place]
+    else:  # the eigenvalues lie to the right of all discs
+        ends, start = 2 * inner.diagonal() - abs(inner).sum(axis=1), np.ones(inner.shape[0])
+        shift = float(np.min(ends)) - SHIFT * float(np.max(np.abs(inner.diagonal())))
+        (value,), right = eigs(inner, 1, sigma=shift, v0=start)
+        u, w = eigs(inner.T, 1, sigma=shift, v0=start)[1][:, 0], right[:, 0]
+    return float(value.real), np.abs(u * w)
 
 
 def slowest_on(blocks: Blocks, agents: Array) -> Array:
@@ -308,13 +424,11 @@ def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if there are none.
-    ``whole``: its Schur complement on the pins, where they are few enough for a dense one."""
+    """One matrix, split into pinned rows and others; ``factor`` is that of the others, None if there are none."""
 
     own: Any
     across: Any
     factor: Any
-    whole: Array | None
 
     def follow(self, v: Array) -> Array:
         """v on the other agents, where S v is 0."""
@@ -322,8 +436,6 @@ class _Block:
 
     def flow(self, v: Array) -> Array:
         """S v on the pinned agents."""
-        if self.whole is not None:
-            return np.asarray(self.whole @ v)
         flow = self.own @ v
         return np.asarray(flow if self.factor is None else flow + self.across @ self.follow(v))
 
@@ -390,10 +502,4 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimu
 def _split(table: Any, pins: Any, others: Any) -> _Block:
     rows = sparse.csr_array(table)[pins]
     factor = splu(sparse.csc_array(table[others][:, others]), **SYMMETRIC) if len(others) else None
-    own, across = rows[:, pins], rows[:, others]
-    whole = None
-    if len(pins) <= FEW_PINS:
-        whole = own.toarray()
-        if factor is not None:
-            whole -= across @ factor.solve(across.T.toarray())
-    return _Block(own=own, across=across, factor=factor, whole=whole)
+    return _Block(own=rows[:, pins], across=rows[:, others], factor=factor)

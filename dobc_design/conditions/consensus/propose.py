@@ -24,9 +24,10 @@ from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import GIVEN_UP, Array
 
 
-def float_lambda(problem: Problem, mode: str, *, pins: bool = True) -> Any:
-    """Lambda = J + J' - (K + K') of one mode as a SciPy array (n m, n m) in coordinate form, entries not yet summed;
-    inf beyond the floats; ``pins`` False leaves K out.  Raises: UndefinedError if a coupling has no derivative at 0."""
+def float_lambda(problem: Problem, mode: str, *, pins: bool = True, twice: bool = False) -> Any:
+    """Lambda = J + J' - (K + K') of one mode, or ``twice`` J - K, as a SciPy array (n m, n m) in coordinate form,
+    entries not yet summed; inf beyond the floats; ``pins`` False leaves K out.  Raises: UndefinedError if a coupling
+    has no derivative at 0."""
     n, m, arcs = problem.n, problem.m, arc_table(problem, mode)
     enclosed = [coupling.jacobian_at_zero() for coupling in problem.couplings]
     slopes = np.array([[[nearest(entry.midpoint) for entry in row] for row in rows] for rows in enclosed])
@@ -41,6 +42,8 @@ def float_lambda(problem: Problem, mode: str, *, pins: bool = True) -> Any:
     i = np.broadcast_to(rows + np.arange(m)[:, None], blocks.shape).ravel()
     j = np.broadcast_to(columns + np.arange(m), blocks.shape).ravel()
     values, places = blocks.ravel(), (np.concatenate([i, j]), np.concatenate([j, i]))
+    if twice:
+        return sparse.coo_array((2 * values, (i, j)), shape=(n * m, n * m))
     return sparse.coo_array((np.concatenate([values, values]), places), shape=(n * m, n * m))
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -142,6 +142,16 @@ def separable_from_json(exact: object, problem: Problem) -> Separable:
     )
 
 
+class Errors(NamedTuple):
+    """Relative errors of every arc weight, in [w (1 - weights), w (1 + weights)], and of every entry of a gain."""
+
+    weights: Fraction = Fraction(0)
+    gains: Fraction = Fraction(0)
+
+
+EXACT: Final = Errors()
+
+
 @dataclass(frozen=True, slots=True)
 class Term:
     """``weight`` times the largest h(y) on -s reach <= y <= s step; ``coupling`` is its place in problem.couplings."""
@@ -170,13 +180,15 @@ class Place:
     count: int
 
 
-def holding_gains(problem: Problem) -> tuple[Fraction, ...]:
-    """What the pin of each agent is worth in a row: the least k_cc - sum_{d != c} |k_cd|; 0 without a pin."""
+def holding_gains(problem: Problem, *, error: Fraction | int = 0) -> tuple[Fraction, ...]:
+    """What the pin of each agent is worth in a row: the least k_cc - sum_{d != c} |k_cd|; 0 without a pin.  ``error``:
+    relative, of every entry."""
     gains = [Fraction(0)] * problem.n
     known: dict[int, Fraction] = {}  # agents often share one matrix
     for agent, k in problem.pinning.gains.items():
         if id(k) not in known:
-            known[id(k)] = min(row[c] - sum(map(abs, row[:c] + row[c + 1 :]), Fraction(0)) for c, row in enumerate(k))
+            least, most = 1 - Fraction(error), 1 + Fraction(error)
+            known[id(k)] = min(least * row[c] - most * sum(map(abs, row[:c] + row[c + 1 :])) for c, row in enumerate(k))
         gains[agent] = known[id(k)]
     return tuple(gains)
 
@@ -212,12 +224,15 @@ def rows(
     stretch: Fraction | int = 1,
     gains: Sequence[Fraction] | None = None,
     agents: Collection[int] | None = None,
+    errors: Errors = EXACT,
 ) -> Iterator[tuple[Row, Place]]:
     """List the different rows of the given modes (default: all); both faces have the same terms.  ``stretch`` >= 1
     multiplies the v_j of those who are listened to (delays, theory section 5). ``gains``: one per agent in place of
-    ``holding_gains``.  ``agents``: only theirs. Raises: ShapeError unless v has one entry per agent."""
+    ``holding_gains``.  ``agents``: only theirs.  ``errors``: weights and gains take their worse ends; where h may have
+    either sign, the part of a weight that is unsure counts with the largest h on -s reach <= y <= 0.
+    Raises: ShapeError unless v has one entry per agent."""
     require_one_per_agent(problem, v)
-    gains = holding_gains(problem) if gains is None else gains
+    gains = holding_gains(problem, error=errors.gains) if gains is None else gains
     found: dict[Row, Place] = {}
     for mode in problem.network.modes if modes is None else modes:
         chosen: Collection[int] = range(problem.n) if agents is None else agents
@@ -229,10 +244,14 @@ def rows(
             key = (problem.coupling_place(i, j), v[j])
             terms[i][key] = terms[i].get(key, Fraction(0)) + arcs.weights[arc]
         for i, heard in terms.items():
-            parts = (
-                Term(coupling, weight, stretch * other + v[i], stretch * other - v[i])
-                for (coupling, other), weight in sorted(heard.items())
-            )
+            parts: list[Term] = []
+            for (coupling, other), weight in sorted(heard.items()):
+                reach, step = stretch * other + v[i], stretch * other - v[i]
+                parts.append(
+                    Term(coupling, weight * (1 + (errors.weights if step >= 0 else -errors.weights)), reach, step)
+                )
+                if errors.weights and step < 0:
+                    parts.append(Term(coupling, 2 * errors.weights * weight, reach, Fraction(0)))
             row = Row(tuple(parts), gains[i], v[i])
             known = found.get(row)
             found[row] = Place(i, mode, 1) if known is None else Place(known.agent, known.mode, known.count + 1)

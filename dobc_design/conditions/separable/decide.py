@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 from dobc_design.conditions.numbers import rounded_down, shorten
 from dobc_design.conditions.separable import claim as claims
-from dobc_design.conditions.separable.claim import FACES, ErrorBound, Place, Row, Separable, Term
+from dobc_design.conditions.separable.claim import EXACT, FACES, ErrorBound, Errors, Place, Row, Separable, Term
 from dobc_design.conditions.separable.large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
 from dobc_design.coupling.enclosures import Cell, Curve, Profile, jet, profile, secant
 from dobc_design.coupling.tree import ZERO
@@ -63,20 +63,23 @@ class SeparableAnswer:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Question:
-    """Rows to be decided: the problem, v, rho (None: linear couplings), the stretch of v_j."""
+    """Rows to be decided: the problem, v, rho (None: linear couplings), the stretch of v_j, the errors of weights."""
 
     problem: Problem
     v: Vector | Doubles
     rho: Fraction | None
     stretch: Fraction | int
     profiles: tuple[Profile, ...]
+    errors: Errors
 
 
-def verify_separable(problem: Problem, claim: Separable, *, stretch: Fraction | int = 1) -> SeparableAnswer:
+def verify_separable(
+    problem: Problem, claim: Separable, *, stretch: Fraction | int = 1, errors: Errors = EXACT
+) -> SeparableAnswer:
     """Decide the rows of ``claim`` in every mode.  REFUTED says that these numbers fail at the place shown, not that
-    consensus fails.  ``stretch`` >= 1: the v_j of those who are listened to are multiplied by it (``timing``).  Raises:
-    ShapeError, as ``rows``."""
-    question = _ask(problem, claim.v, claim.rho, stretch)
+    consensus fails.  ``stretch`` >= 1: the v_j of those who are listened to are multiplied by it (``timing``).
+    ``errors``: for all weights and gains that are off by as much.  Raises: ShapeError, as ``rows``."""
+    question = _ask(problem, claim.v, claim.rho, stretch, errors)
     if isinstance(question, str):
         return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=question)
     large = _large(question)
@@ -92,10 +95,12 @@ def verify_separable(problem: Problem, claim: Separable, *, stretch: Fraction | 
     )
 
 
-def largest_rate(problem: Problem, v: Vector | Doubles, *, rho: Fraction | None) -> Fraction | None:
+def largest_rate(
+    problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, errors: Errors = EXACT
+) -> Fraction | None:
     """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho]; None if none > 0.
     The certificate (v, alpha, rho) is then PROVED by ``verify_separable``."""
-    question = _ask(problem, v, rho, 1)
+    question = _ask(problem, v, rho, 1, errors)
     if isinstance(question, str):
         return None
     large = _large(question)
@@ -114,7 +119,7 @@ def largest_rate(problem: Problem, v: Vector | Doubles, *, rho: Fraction | None)
         candidates = (rounded_down(Fraction(estimate * (1 - part))) for part in _PARTS)
         return next((alpha for alpha in candidates if holds(alpha)), None)
     rate = max(claims.holding_gains(problem))  # the agent with the least v has no more than its gain
-    for row, _ in claims.rows(problem, v):
+    for row, _ in claims.rows(problem, v, errors=errors):
         for face in FACES:
             if rho is None:
                 found = row.gain - linear_bound(row, face, question.profiles) / row.own
@@ -138,7 +143,9 @@ def coupling_profiles(
     )
 
 
-def _ask(problem: Problem, v: Vector | Doubles, rho: Fraction | None, stretch: Fraction | int) -> _Question | str:
+def _ask(
+    problem: Problem, v: Vector | Doubles, rho: Fraction | None, stretch: Fraction | int, errors: Errors = EXACT
+) -> _Question | str:
     """The question, or why the certificate does not apply."""
     if not claims.acts_by_component(problem):
         return NOT_BY_COMPONENT
@@ -148,7 +155,7 @@ def _ask(problem: Problem, v: Vector | Doubles, rho: Fraction | None, stretch: F
         profiles = coupling_profiles(problem, v, rho=rho, stretch=stretch)
     except UndefinedError as error:
         return f"does not apply: {error}"
-    return _Question(problem=problem, v=v, rho=rho, stretch=stretch, profiles=profiles)
+    return _Question(problem=problem, v=v, rho=rho, stretch=stretch, profiles=profiles, errors=errors)
 
 
 def _large(question: _Question) -> tuple[ArcRows, Kinds] | None:
@@ -157,7 +164,7 @@ def _large(question: _Question) -> tuple[ArcRows, Kinds] | None:
     arcs = sum(map(len, modes.values()))
     if arcs < (MANY_ARCS if rising else MANY_FALLING) or (question.rho is None and not rising):
         return None
-    arrays = arc_rows(question.problem, question.v, stretch=question.stretch)
+    arrays = arc_rows(question.problem, question.v, stretch=question.stretch, errors=question.errors)
     try:  # for linear couplings every radius says the same
         kinds = float_kinds(question.profiles, arrays, rho=question.rho or _ONE)
     except UndefinedError:  # rows one by one may do
@@ -179,7 +186,8 @@ def _first_failure(question: _Question, claim: Separable, left: list[tuple[int, 
             for start in range(0, len(chosen), MOST_LEFT)
         )
     for mode, faces, chosen in batches:
-        found = claims.rows(question.problem, question.v, modes=[mode], stretch=question.stretch, agents=chosen)
+        stretch, errors = question.stretch, question.errors
+        found = claims.rows(question.problem, question.v, modes=[mode], stretch=stretch, agents=chosen, errors=errors)
         answers = (_decide(question, claim, row, place, face) for row, place in found for face in faces)
         if (first := next((answer for answer in answers if answer is not None), None)) is not None:
             return first
@@ -208,11 +216,19 @@ def _decide(question: _Question, claim: Separable, row: Row, place: Place, face:
 
 
 def decide_row(
-    row: Row, face: int, profiles: Sequence[Profile], *, alpha: Fraction, rho: Fraction
+    row: Row,
+    face: int,
+    profiles: Sequence[Profile],
+    *,
+    alpha: Fraction,
+    rho: Fraction,
+    start: Fraction = _ZERO,
+    load: Fraction = _ZERO,
 ) -> tuple[Verdict, Fraction | None]:
-    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove what they can."""
-    limit, whole = (row.gain - alpha) * row.own, Interval(_ZERO, rho)
-    if _by_floats(row, face, profiles, limit=limit, whole=whole):
+    """Decide the row for all s in (0, rho]: proved, refuted or undecided at one s.  Floats prove what they can.  With
+    a ``load`` >= 0, which is added to the row before it is divided by s: for all s in [start, rho], start > 0."""
+    limit, whole = (row.gain - alpha) * row.own, Interval(start, rho)
+    if _by_floats(row, face, profiles, limit=limit, whole=whole, load=load):
         return Verdict.PROVED, None
     sides = _sides(row, face, profiles, whole)
     waiting, count, price = [whole], 0, _price(row, profiles)
@@ -220,10 +236,10 @@ def decide_row(
         S = waiting.pop()
         spend(price)
         count += 1
-        if upper_bound(sides, S).hi <= limit:
+        if _with_load(sides, S, load).hi <= limit:
             continue
-        for s in (S.ends()[1], S.middle()):
-            if lower_bound(sides, s) > limit:
+        for s in (*S.ends()[not load :], S.middle()):
+            if lower_bound(sides, s) + (load / s.lo if load else 0) > limit:
                 return Verdict.REFUTED, s.lo
         if count >= MOST_PIECES:
             return Verdict.UNDECIDED, S.midpoint
@@ -231,7 +247,13 @@ def decide_row(
     return Verdict.PROVED, None
 
 
-def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fraction, whole: Interval) -> bool:
+def _with_load(sides: Sequence[_Side], S: Interval, load: Fraction) -> Interval:
+    return upper_bound(sides, S) + S.like(load) / S if load else upper_bound(sides, S)
+
+
+def _by_floats(
+    row: Row, face: int, profiles: Sequence[Profile], *, limit: Fraction, whole: Interval, load: Fraction
+) -> bool:
     """Whether intervals of floats prove the row; where its sides are nearly equal the exact ones are left to decide."""
     try:
         waiting, count, price = [Floats.around(whole)], 0, _price(row, profiles)
@@ -240,10 +262,10 @@ def _by_floats(row: Row, face: int, profiles: Sequence[Profile], *, limit: Fract
         while waiting:
             S = waiting.pop()
             spend(price)
-            if upper_bound(sides, S).top <= most:
+            if _with_load(sides, S, load).top <= most:
                 continue
             count += 1
-            if count >= MOST_PIECES or upper_bound(sides, S.middle()).top > near:
+            if count >= MOST_PIECES or _with_load(sides, S.middle(), load).top > near:
                 return False
             waiting += S.halves()
     except UndefinedError:

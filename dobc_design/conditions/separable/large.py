@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.separable.claim import FACES, holding_gains
+from dobc_design.conditions.separable.claim import EXACT, FACES, Errors, holding_gains
 from dobc_design.coupling.enclosures import Curve, Profile, secant, slope_bound
 from dobc_design.coupling.expression import Expression
 from dobc_design.exact.floats import Floats
@@ -281,7 +281,9 @@ class Kinds:
     turning: Mapping[tuple[int, int], Turning]
 
 
-def arc_rows(problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1) -> ArcRows:
+def arc_rows(
+    problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1, errors: Errors = EXACT
+) -> ArcRows:
     """Bring all modes into arrays, rounded so that rows only become harder to satisfy; agent i of the k-th mode stands
     in row k n + i."""
     modes = tuple(problem.network.modes.values())
@@ -297,9 +299,12 @@ def arc_rows(problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int
     # The difference of two floats within a factor of two of each other has no rounding.
     near = (other <= 2 * own) & (own <= 2 * other)
     weights = None
-    if not all(w is ONE for arcs in modes for w in arcs.weights):
+    if errors.weights or not all(w is ONE for arcs in modes for w in arcs.weights):
         below, above = zip(*(_floats(arcs.weights) for arcs in modes), strict=True)
         weights = (_stacked(below)[order], _stacked(above)[order])
+    if weights is not None and errors.weights:
+        least, most = float_below(1 - errors.weights), float_above(1 + errors.weights)
+        weights = (np.maximum(down(weights[0] * least), 0.0), up(weights[1] * most))
     return ArcRows(
         start=np.searchsorted(listeners, np.arange(len(low) + 1)),
         steps=np.where(near, steps, up(steps)),
@@ -307,7 +312,7 @@ def arc_rows(problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int
         weights=weights,
         kinds=_stacked([coupling_places(problem, arcs) for arcs in modes])[order],
         own=(low, high),
-        gains=holding_gains(problem) * len(modes),
+        gains=holding_gains(problem, error=errors.gains) * len(modes),
     )
 
 

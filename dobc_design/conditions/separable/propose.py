@@ -60,6 +60,7 @@ class Field:
     gains: Array
     modes: tuple[tuple[Group, ...], ...]
     grid: Array
+    load: Array | float = 0.0  # what is added to every row
 
     def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]:
         """The largest row of every agent, its Jacobian in v (n, n), and the size of its terms."""
@@ -72,7 +73,7 @@ class Field:
             chosen[row > worst] = number
             worst = np.fmax(worst, row)  # a row that is no number is left out
             scale = np.maximum(scale, np.abs(row))
-        residual = worst - (self.gains - alpha) * v
+        residual = worst + self.load - (self.gains - alpha) * v
         return residual, self._jacobian(chosen, choices, v, alpha), scale
 
     def rates(self, v: Array) -> Array:

@@ -44,7 +44,7 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     if (stuck := checks.stuck_check(problem, W, domain=domain)) is not None:
         return [stuck]
     with at_most(STAGE):
-        claim, radius = _largest_claim(asked)
+        claim, radius = largest_claim(asked)
         cut = exhausted()
     if claim is None and cut is not None:
         return [undecided_check("max-separable", domain, cut)]
@@ -62,7 +62,7 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     return [check] if check.verdict is not Verdict.PROVED else [check, *_timing(asked, claim, check, report)]
 
 
-def _largest_claim(asked: Asked) -> tuple[Separable | None, float]:
+def largest_claim(asked: Asked) -> tuple[Separable | None, float]:
     """A proved claim for the box asked for, else for the largest box that is found; and the radius of that box."""
     claim = _claim(asked, asked.radius, _plan(asked, asked.radius))
     if claim is not None or asked.domain == "global":

@@ -15,12 +15,12 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import float_above, number_text
-from dobc_design.exact.reading import counted, shown
+from dobc_design.exact.reading import counted
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.changes import typed_number
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.observer.claim import Answer, NoiseLimit, ObserverDesign, read_noise
-from dobc_design.synthesis.pinning.claim import read_all, read_request
+from dobc_design.synthesis.pinning.claim import check_yes_or_no, read_all, read_request
 from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -50,6 +50,7 @@ class DesignRequest:
     noise: tuple[NoiseLimit, ...]
     digits: int
     reduce: bool
+    conservative: bool = False
 
     def limits(self, labels: Sequence[str]) -> Iterator[tuple[str, str]]:
         """Every limit that was set, as the name of the argument and its value in words."""
@@ -67,6 +68,8 @@ class DesignRequest:
             yield "noise", str(limit)
         if not self.reduce:
             yield "reduce", "the exosystem kept as it is"
+        if self.conservative:
+            yield "conservative", "V = e'e near the target"
 
 
 def read_design_request(
@@ -74,17 +77,14 @@ def read_design_request(
 ) -> DesignRequest:
     """Read the arguments of ``design``, exactly.  Raises: SpecError that names every wrong one."""
     pinning = partial(read_request, labels, rate=1 if rate is None else rate, **asked)
-    found, limits, reduce = read_all(pinning, lambda: read_noise(noise), lambda: _read_reduce(reduce))
+    cure = "True lets the observable part take the exosystem's place."
+    found, limits, _ = read_all(
+        pinning, lambda: read_noise(noise), lambda: check_yes_or_no(reduce, "reduce", cure=cure)
+    )
     own = {"allowed": found.allowed, "caps": found.caps, "digits": found.digits, "noise": limits, "reduce": reduce}
+    own["conservative"] = found.conservative
     pins = found.pins if isinstance(found.pins, int) else None
     return DesignRequest(rate=None if rate is None else found.rate, pins=pins, **own)
-
-
-def _read_reduce(reduce: Any) -> bool:
-    if not isinstance(reduce, bool):
-        cure = "True lets the observable part take the exosystem's place."
-        raise SpecError(f"reduce must be True or False; got {shown(reduce)}.", key="reduce", cure=cure)
-    return reduce
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -52,6 +52,7 @@ COMFORT = 0.75  # of the fastest rate: beyond, one more pin saves very large gai
 FALLBACKS = (Fraction(1, 2), Fraction(9, 10))  # parts of the fastest rate near the consensus, where rows do not apply
 HALF = Fraction(1, 2)  # of the fastest rate: what is aimed at where none is asked for
 ENOUGH, ALMOST = 0.6, 0.95  # of the fastest rate with any observer: slower ones are left out; where more is aimed at
+BY_WEIGHTS = " They are chosen for the true rate near the target (V = e'De, a weight for each agent)."
 SMALL = Fraction(1, 10**4)  # the radius of a region that is one point
 LOOKED_AT = ((60, 60), (400, 12), (10**9, 3))  # agents compared quickly in one step, by the size of the network
 CLOSER = 4  # of these compared by the rows of the region
@@ -101,9 +102,12 @@ class Ground:
         fast = observer_at(self.problem, self.request, MARGIN * asked)
         return observer_at(self.problem, self.request, asked * Fraction(101, 100)) if fast.W is None else fast
 
-    def pinning(self, rate: Fraction, agents: Sequence[int], pins: int | str | None = None) -> PinningDesign:
+    def pinning(
+        self, rate: Fraction, agents: Sequence[int], pins: int | str | None = None, *, conservative: bool = False
+    ) -> PinningDesign:
         """The cheapest gains on these agents near the consensus."""
         own: dict[str, Any] = {"caps": self.request.caps, "digits": self.request.digits, "pins": pins}
+        own["conservative"] = conservative or self.request.conservative
         request = PinningRequest(rate=rate, allowed=tuple(agents), costs=(Fraction(1),) * self.problem.n, **own)
         return search_pinning(self.problem, request, self.progress)
 
@@ -124,6 +128,7 @@ class Proposal:
     pinned: Sequence[int]
     aim: float
     prices: tuple[str, ...]
+    by: str = ""  # what proves the rate near the consensus, in words
 
 
 def search_design(problem: Problem, request: DesignRequest, progress: Progress) -> Design:
@@ -212,7 +217,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     fixed = request.pins is not None and len(proposal.pinned) >= request.pins
     said.append(pins_words(problem, ground.structure, sorted(proposal.gains), fixed=fixed))
     part = None if request.rate else ground.part
-    said.append(gains_words(problem, proposal.gains, digits=request.digits, part=part))
+    said.append(gains_words(problem, proposal.gains, digits=request.digits, part=part) + proposal.by)
     wanted: dict[str, Any] = {"pinning.gains": {label: typed_number(k) for label, k in gains.items()}}
     if W is not None:
         wanted |= gain_changes(problem, W)
@@ -359,7 +364,7 @@ def _over_region(
 
 
 def of_consensus(ground: Ground) -> Iterator[Proposal]:
-    """The cheapest gains for V = e'e near the consensus."""
+    """The cheapest gains near the consensus, by the true rate or by V = e'e."""
     request, agents = ground.request, ground.request.allowed
     if request.rate is None:
         agents, rates = _slow_start(ground)
@@ -372,24 +377,39 @@ def of_consensus(ground: Ground) -> Iterator[Proposal]:
         found = ground.pinning(rate, agents, request.pins or FEWEST)
         if found.verdict is not Verdict.PROVED:
             continue
+        found = _with_more_pins(ground, found, rate, agents)
         gains = {ground.problem.network.index[label]: k for label, k in found.gains.items()}
         prices = (*found.prices, *found.ties)
-        yield Proposal(observer=observer, gains=gains, pinned=tuple(gains), aim=float(rate), prices=prices)
+        by = " They are chosen for V = e'e." if found.weights is None else BY_WEIGHTS
+        yield Proposal(observer=observer, gains=gains, pinned=tuple(gains), aim=float(rate), prices=prices, by=by)
+
+
+def _with_more_pins(ground: Ground, found: PinningDesign, rate: Fraction, agents: Sequence[int]) -> PinningDesign:
+    """The design, or a cheaper one on the agents that V = e'e needs, where these are more."""
+    plain = (
+        ground.pinning(rate, agents, FEWEST, conservative=True) if found.weights and not ground.request.pins else found
+    )
+    if len(plain.gains) <= len(found.gains):
+        return found
+    more = ground.pinning(rate, [ground.problem.network.index[label] for label in plain.gains])
+    cheaper = more.verdict is Verdict.PROVED and (more.cost or 0) < (found.cost or 0)
+    return more if cheaper else found
 
 
 def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
-    """The agents that do at a very low rate, and the parts of the fastest rate with them."""
+    """The agents that do at a very low rate, and the parts of the fastest rate with them; by V = e'e, because the true
+    rate comes near its limit only with very large gains."""
     problem, request = ground.problem, ground.request
     blocks = network_blocks(problem)
     scale = Fraction(1) if blocks is None or not blocks.scale else claimed(float(f"{blocks.scale:.1g}"))
-    start = ground.pinning(scale * START, request.allowed, request.pins or FEWEST)
+    start = ground.pinning(scale * START, request.allowed, request.pins or FEWEST, conservative=True)
     if start.verdict is not Verdict.PROVED:
         return request.allowed, [scale * START]
     pinned = tuple(sorted(problem.network.index[label] for label in start.gains))
     fastest, high = Fraction(0), scale
     for _ in range(24):  # by bisection, since caps and modes are in it; the first steps may lie above
         middle = (fastest + high) / 2
-        reached = ground.pinning(_three_digits(middle), pinned).verdict is Verdict.PROVED
+        reached = ground.pinning(_three_digits(middle), pinned, conservative=True).verdict is Verdict.PROVED
         fastest, high = (middle, high) if reached else (fastest, middle)
         if fastest and high - fastest <= fastest / 20:
             break

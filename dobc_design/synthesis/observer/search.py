@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from dobc_design.conditions.numbers import claimed, shorten
+from dobc_design.conditions.numbers import claimed, rounded_up, shorten
 from dobc_design.conditions.statement import Statement
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.observability import decide_detectable
@@ -140,6 +140,4 @@ def _reached(exosystem: Exosystem, found: ObserverDesign, limit: NoiseLimit) -> 
         value = None if square is None else decide.root_above(square)
     if value is None or claimed(value) < limit.bound:
         return limit
-    short = float(f"{value:.6g}")
-    above = short if short >= value else float(f"{value * (1 + 1e-6):.6g}")
-    return NoiseLimit(channel=limit.channel, norm=limit.norm, bound=claimed(above))
+    return NoiseLimit(channel=limit.channel, norm=limit.norm, bound=rounded_up(claimed(value), digits=6))

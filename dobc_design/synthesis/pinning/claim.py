@@ -14,6 +14,7 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import rounded_up, shorten
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.statement import Statement
+from dobc_design.conditions.weighted.claim import Weighted
 from dobc_design.errors import SpecError, kept, raise_all
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import float_above, float_below, number_text
@@ -33,9 +34,10 @@ SHORT = 12  # letters of a rational that is shown as it is
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PinningRequest:
-    """What gains k_i have to do: Lambda(K) < -2 rate I in every mode, at the least sum of cost_i k_i.  ``rate`` (1/s) >
-    0.  ``allowed``: agent indices, rising.  ``costs``: c_i > 0 of every agent.  ``caps``: the largest k_i (1/s) of
-    agents that have one.  ``pins``: at most so many agents, "fewest", or None for any number. ``digits``: significant
+    """What gains k_i have to do: every error decays at the ``rate`` (1/s) > 0 near the target, with one V for all
+    modes, at the least sum of cost_i k_i.  ``conservative``: with V = e'e, Lambda(K) < -2 rate I; else V = e'De.
+    ``allowed``: agent indices, rising.  ``costs``: c_i > 0 of every agent.  ``caps``: the largest k_i (1/s) of agents
+    that have one.  ``pins``: at most so many agents, "fewest", or None for any number. ``digits``: significant
     digits of the gains."""
 
     rate: Fraction
@@ -44,6 +46,7 @@ class PinningRequest:
     caps: Gains
     pins: int | str | None
     digits: int
+    conservative: bool = False
 
 
 def read_request(
@@ -55,11 +58,13 @@ def read_request(
     max_gain: Any = None,
     pins: Any = None,
     digits: Any = 4,
+    conservative: Any = False,
 ) -> PinningRequest:
     """Read the arguments of ``design_pinning``, exactly.  Raises: SpecError that names every wrong one."""
     index = {label: i for i, label in enumerate(labels)}
     because = ", because V is to decrease at that rate, V' <= -2 rate V"
-    _, _, speed, agents, caps, costs = read_all(
+    _, _, _, speed, agents, caps, costs = read_all(
+        lambda: check_yes_or_no(conservative, "conservative", cure="True asks for V = e'e, without weights."),
         lambda: check_digits(digits),
         lambda: _check_pins(pins),
         lambda: read_positive(rate, "rate", why=because, cure=POSITIVE),
@@ -68,7 +73,14 @@ def read_request(
         lambda: {} if cost is None else _by_agent(cost, index, key="cost", why="a gain without cost has no best value"),
     )
     costs = tuple(costs.get(i, Fraction(1)) for i in range(len(labels)))
-    return PinningRequest(rate=speed, allowed=agents, costs=costs, caps=caps, pins=pins, digits=digits)
+    own: dict[str, Any] = {"pins": pins, "digits": digits, "conservative": conservative}
+    return PinningRequest(rate=speed, allowed=agents, costs=costs, caps=caps, **own)
+
+
+def check_yes_or_no(value: Any, key: str, *, cure: str) -> None:
+    """Raises: SpecError unless the value is True or False."""
+    if not isinstance(value, bool):
+        raise SpecError(f"{key} must be True or False; got {shown(value)}.", key=key, cure=cure)
 
 
 def read_all(*readers: Callable[[], Any]) -> list[Any]:
@@ -153,7 +165,8 @@ class Structure:
 class PinningDesign(Answer):
     """Pinning gains and what is known of them.
 
-    ``verdict``: PROVED, ``gains`` (1/s, exact, by label) do what was asked, Lambda < -2 ``rate`` I in every mode;
+    ``verdict``: PROVED, ``gains`` (1/s, exact, by label) do what was asked, by ``weights`` of V = e'De, or where these
+    are None by Lambda < -2 ``rate`` I in every mode (V = e'e);
     REFUTED, no gains can, and ``reason`` is the proof in words; UNDECIDED, neither was shown.  ``cost``: sum of
     cost_i k_i.  ``lower_bound``: no gains that do what was asked cost less (proved); ``bound``: the exact multipliers
     that show it for gains on the agents named in ``bound_for``.  ``prices``: what each limit costs, in words.
@@ -177,6 +190,7 @@ class PinningDesign(Answer):
     nearest: PinningDesign | None = None
     radius: Fraction | None = None
     certificate: Separable | None = None
+    weights: Weighted | None = None
 
     @property
     def gap(self) -> float | None:
@@ -184,6 +198,12 @@ class PinningDesign(Answer):
         if self.cost is None or self.lower_bound is None or not self.cost:
             return None
         return float_above((self.cost - self.lower_bound) / self.cost)
+
+    @property
+    def method(self) -> str:
+        """What proves the rate: "consensus" (V = e'e), "weighted" (V = e'De) or, over a region, "max-separable"."""
+        near = "consensus" if self.weights is None else "weighted"
+        return near if self.radius is None else "max-separable"
 
     def __str__(self) -> str:
         lines = [f"{self.verdict.value}: {self.reason}"]
@@ -220,7 +240,7 @@ class PinningDesign(Answer):
             "cost": None if self.cost is None else float_above(self.cost),
             "lower_bound": None if self.lower_bound is None else float_below(self.lower_bound),
             "structural_minimum": self.structural_minimum,
-            "method": "consensus" if self.radius is None else "max-separable",
+            "method": self.method,
             "radius": None if self.radius is None else number_text(self.radius),
             "statements": [statement.to_json() for statement in self.statements],
             "prices": list(self.prices),
@@ -269,4 +289,4 @@ def _down(value: Fraction) -> str:
 
 
 def _up(value: Fraction) -> str:
-    return f"{float_above(value) * (1 + 1e-6):.6g}"
+    return f"{float(rounded_up(value, digits=6)):.6g}"

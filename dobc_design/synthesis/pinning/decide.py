@@ -12,6 +12,7 @@ V proves it: M = J - K has no negative entry off its diagonal, so M w >= -r w fo
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, jacobians_at_consensus
+from dobc_design.conditions.consensus.claim import Jacobians, ModeJacobian, Statements, jacobians_at_consensus
 from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, name_agents, refutes, rounded
 from dobc_design.conditions.numbers import rounded_up
 from dobc_design.conditions.statement import Statement, refuted
@@ -72,6 +73,15 @@ def reaches(ground: Ground, gains: Gains, rate: Fraction, *, hints: Vectors = ()
         if not _shown(upper, [v for name, v in hints if name == mode]) and not is_negative(matrix, shift=2 * rate):
             return False
     return True
+
+
+def is_undirected(statements: Statements) -> bool:
+    """Whether J is symmetric in the only mode, exactly: then V = e'e decays at the true rate."""
+    modes = () if statements.jacobians is None else statements.jacobians.modes
+    arcs = [(mode.arcs.listeners.tolist(), mode.arcs.speakers.tolist(), mode.kind.tolist()) for mode in modes]
+    return len(arcs) == 1 and Counter(zip(*arcs[0], strict=True)) == Counter(
+        zip(arcs[0][1], arcs[0][0], arcs[0][2], strict=True)
+    )
 
 
 def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate: Fraction) -> Bound:

@@ -5,15 +5,16 @@ minimise sum c_i k_i subject to S + 2 sum k_i E_i >= 0 (theory, section 7); ``de
 
 Of many agents a small set of pins is chosen greedily.  With v = sqrt(c) on the pins and (S v)_i = 0 on the others,
 pinning agent a as well makes the gains cheaper by (v_a - sqrt(c_a))^2 / (2 G_aa), G the inverse of S on the others,
-exactly, as long as no gain falls to 0.  G_aa >= 1 / S_aa orders the agents, so that few G_aa are computed in a step,
-and a pin takes a rank one away from G.  While the pins do not reach the rate, S is shifted as far as that takes.
+exactly, as long as no gain falls to 0.  G_aa >= 1 / S_aa orders the agents, so that few G_aa are computed in a step.
+While the pins do not reach the rate, S is shifted as far as that takes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
-from itertools import product
+from dataclasses import dataclass
+from itertools import combinations, product
+from math import comb
 from typing import Any
 
 import numpy as np
@@ -28,44 +29,34 @@ from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
 
 Vectors = list[tuple[str, Array]]  # mode, and a vector over the n m rows
 WORK, LARGEST = 200_000, 5_000  # closed forms spent on exchanges and ties, times agents; agents above which: none
+MOST_SETS = 3000  # sets of agents that are compared one by one
 MANY = 200  # agents from which on greedy steps are quick ones
 NEARLY_ZERO = 1e-9
-CLOSE = 1e-6  # of the cost: a bound this close leaves nothing to look for
-UPDATES = 100  # pins between two factorisations
+UPDATES = 100  # pins between two eigenvalues
 SHIFTED, PART = 8, 300  # while S is shifted; of many agents one in so many
 ROOM = 0.05  # by how much more S is shifted than it has to be, as a part
-LOOKED_AT = 12  # agents whose saving is computed in one step at most
-CERTAIN, PESSIMISM = 2, 1.1  # after so many, bounds are taken to be too large by nearly the least factor seen
+LOOKED_AT = 12  # agents whose saving is computed in one step
 DENSE = 400  # agents up to which all eigenvalues are computed
 STEPS = 3000  # of the power method above
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PinningProposer:
-    """The blocks of one problem, its costs and caps (inf where there is none); the blocks of the last rate are kept."""
+    """The blocks of one problem, its costs and caps (inf where there is none)."""
 
     problem: Problem
     blocks: pinning.Blocks
     costs: Array
     caps: Array
-    _kept: dict[float, pinning.Blocks] = field(default_factory=dict)
 
     def relax(self, allowed: Collection[int], rate: float) -> tuple[list[float] | None, Vectors]:
         """Gains (n) of least cost, about, and their multipliers; without (None) directions that no gains hold."""
-        blocks, chosen = self._at(rate), self._mask(allowed)
-        if blocks.z:
-            single = [pinning.optimum(table, chosen, self.costs, self.caps) for table in blocks.tables]
-            known = [each for each in single if each is not None]
-            if len(known) < len(single):
-                return None, self._loose(blocks, chosen)
-            if len(known) == 1:
-                return known[0].gains.tolist(), self._named(blocks, [list(known[0].duals)])
-            return self._shared(blocks, chosen, known)
-        if all(value > NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen)):
-            gains, vectors = self._shared(blocks, chosen, [])
-            if gains is not None:
-                return gains, vectors
-        return None, self._loose(blocks, chosen)
+        blocks, chosen = pinning.for_rate(self.blocks, rate), self._mask(allowed)
+        can = blocks.z or all(value > NEARLY_ZERO * blocks.scale for value, _ in self._lowest(blocks, chosen))
+        found = pinning.cheapest_gains(blocks, chosen, self.costs, self.caps) if can else None
+        if found is None:
+            return None, self._loose(blocks, chosen)
+        return found.gains.tolist(), self._named(blocks, found.vectors)
 
     def fastest(self, allowed: Collection[int], factor: float = 1.0) -> float:
         """The rate (1/s) that gains on these agents approach, about, with caps times ``factor``; inf without limit."""
@@ -74,7 +65,7 @@ class PinningProposer:
 
     def slow(self, rate: float) -> Vectors:
         """Of every block the eigenvectors of S with eigenvalues below 0; nothing for large blocks."""
-        blocks = self._at(rate)
+        blocks = pinning.for_rate(self.blocks, rate)
         if blocks.agents * blocks.width > pinning.PROGRAM_ROWS * 3:
             return []
         pairs = [np.linalg.eigh(table.toarray()) for table in blocks.tables]
@@ -86,8 +77,8 @@ class PinningProposer:
         """A small set that reaches the rate, or with ``pins`` a cheap one of at most so many; None if none was found.
         One agent of each group first, then where the slowest direction is heaviest, then the cheapest to add, then
         exchanges of one agent for another; of many agents those that save most."""
-        chosen, blocks, free = self._hitting(allowed, groups), self._at(rate), set(allowed)
-        if blocks.z and blocks.agents > MANY:
+        chosen, blocks, free = self._hitting(allowed, groups), pinning.for_rate(self.blocks, rate), set(allowed)
+        if blocks.z and blocks.agents > MANY and not blocks.weighted:
             with np.errstate(all="ignore"):
                 many = greedy_set(blocks, chosen, free, self.costs, pins)
             return None if many is None or self._cost(many, rate) == np.inf else many
@@ -101,6 +92,13 @@ class PinningProposer:
             costs = {agent: self._cost([*chosen, agent], rate) for agent in tried}
             chosen.append(min(costs, key=lambda agent: (costs[agent], agent)))
         return tuple(sorted(self._exchanged(chosen, sorted(free), rate)))
+
+    def cheapest(self, allowed: Sequence[int], pins: int, rate: float) -> tuple[int, ...]:
+        """The cheapest of all sets of so many agents, where these are few; () if none is found."""
+        count = comb(len(allowed), pins)
+        costs = {each: self._cost(each, rate) for each in combinations(allowed, pins)} if count <= MOST_SETS else {}
+        best = min(costs, key=lambda each: (costs[each], each), default=())
+        return best if costs.get(best, np.inf) < np.inf else ()
 
     def replaceable(self, chosen: Sequence[int], allowed: Sequence[int], rate: float) -> list[tuple[int, int]]:
         """Pairs (pinned, other): with the other in its place the cost is the same to six digits."""
@@ -153,45 +151,6 @@ class PinningProposer:
         order = sorted(free, key=lambda agent: (-round(float(weight[agent]), 9), agent))
         return order[: 40 if blocks.agents <= 60 else 8]
 
-    def _at(self, rate: float) -> pinning.Blocks:
-        if rate not in self._kept:
-            self._kept.clear()
-            self._kept[rate] = pinning.for_rate(self.blocks, rate)
-        return self._kept[rate]
-
-    def _shared(
-        self, blocks: pinning.Blocks, chosen: Array, known: Sequence[pinning.Optimum]
-    ) -> tuple[list[float] | None, Vectors]:
-        """Several blocks: their dual or a conic program; else the largest gain of each agent over the blocks."""
-        found: tuple[Array, Vectors] | None = None
-
-        def is_cheap(gains: Array) -> bool:
-            return found is None or bool(self.costs @ gains < self.costs @ found[0] * 1.000001)
-
-        if known:
-            best = max(range(len(known)), key=lambda k: self.costs @ known[k].gains)
-            columns = [list(each.duals) if k == best else [] for k, each in enumerate(known)]
-            found = np.max([each.gains for each in known], axis=0), self._named(blocks, columns)
-        shared = None
-        if known and blocks.agents > pinning.FEW_ROWS:
-            shared = pinning.solve_shared(blocks.tables, chosen, self.costs, self.caps)
-        if shared is not None and found is not None:
-            if is_cheap(shared.gains):
-                found = shared.gains, self._named(blocks, [[v] for v in shared.duals])
-            cost = float(self.costs @ shared.gains)
-            if cost - shared.bound <= CLOSE * cost:
-                return found[0].tolist(), found[1]
-        agents = np.flatnonzero(chosen)
-        if blocks.is_small:
-            program = pinning.solve_program(blocks, agents, self.costs, self.caps)
-            if program is not None and is_cheap(program.gains):
-                columns = [_factors(each, z=blocks.z) for each in program.duals]
-                return program.gains.tolist(), self._named(blocks, columns)
-        if found is None and not np.any(np.isfinite(self.caps)):
-            gains = pinning.smallest_gains(blocks, agents.tolist(), costs=self.costs.tolist())
-            return (None if gains is None else gains.tolist()), []
-        return (None, []) if found is None else (found[0].tolist(), found[1])
-
     def _free_rows(self, blocks: pinning.Blocks, chosen: Array) -> Any:
         """The rows that no gain without a cap holds."""
         return rows_of(np.flatnonzero(np.logical_not(chosen) | np.isfinite(self.caps)), blocks.width)
@@ -223,23 +182,14 @@ class PinningProposer:
         return result
 
 
-def make_proposer(problem: Problem, request: PinningRequest) -> PinningProposer | None:
-    """The proposer of one problem and request; None if its entries are beyond the floats."""
-    blocks = pinning.network_blocks(problem)
+def make_proposer(problem: Problem, request: PinningRequest, *, weighted: bool = False) -> PinningProposer | None:
+    """The proposer of one problem and request, for V with or without weights; None beyond the floats."""
+    blocks = pinning.network_blocks(problem, weighted=weighted)
     if blocks is None:
         return None
     caps = np.array([float(request.caps.get(i, np.inf)) for i in range(problem.n)])
     costs = np.array([float(c) for c in request.costs])
     return PinningProposer(problem=problem, blocks=blocks, costs=costs, caps=caps)
-
-
-def _factors(Z: Array, *, z: bool) -> list[Array]:
-    """Vectors with sum v v'/2 = Z, about; of a Z-matrix the one with the same diagonal, which is no worse."""
-    if z:
-        return [np.sqrt(np.maximum(2 * np.diag(Z), 0.0))]
-    values, vectors = np.linalg.eigh((Z + Z.T) / 2)
-    top = float(np.max(values, initial=0.0))
-    return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
 
 
 def greedy_set(
@@ -256,76 +206,32 @@ def greedy_set(
         room = len(left) if pins is None else min(len(left), pins - len(found))
         if (shift == 0 and pins is None) or room <= 0:
             return tuple(sorted(found)) if shift == 0 else None
-        states = [_State(table, found, costs, shift) for table in blocks.tables]
+        shifted = [sparse.csr_array(table + shift * sparse.eye_array(len(costs))) for table in blocks.tables]
         for _ in range(min(room, max(SHIFTED, blocks.agents // PART) if shift else UPDATES)):
-            agent = _best(states, left, costs)
-            found.append(agent)
-            left = left[left != agent]
-            for state in states:
-                state.pin(agent, float(np.sqrt(costs[agent])))
+            found.append(_best(shifted, found, left, costs))
+            left = left[left != found[-1]]
 
 
-def _best(states: Sequence[_State], left: Any, costs: Array) -> int:
+def _best(matrices: Sequence[Any], found: list[int], left: Any, costs: Array) -> int:
     """The agent that saves most, among those whose bound is largest."""
-    bounds = np.sum([state.bounds(left, costs) for state in states], axis=0)
-    order = np.argsort(-bounds, kind="stable")[:LOOKED_AT]
-    best, agent, part = -1.0, int(left[order[0]]), 0.0
-    for count, place in enumerate(order.tolist()):
-        if bounds[place] * (min(1.0, PESSIMISM * part) if count >= CERTAIN else 1.0) <= best:
-            break
-        saving = sum(state.saving(int(left[place]), costs) for state in states)
-        part = max(part, saving / max(float(bounds[place]), 1e-300))
-        if saving > best:
-            best, agent = saving, int(left[place])
-    return agent
-
-
-class _State:
-    """One matrix with its pins: v (n,), the inverse on the others as a factor less ``rank`` columns."""
-
-    def __init__(self, table: Any, chosen: Sequence[int], costs: Array, shift: float) -> None:
-        matrix = sparse.csr_array(table + shift * sparse.eye_array(len(costs)))
-        pins = np.array(sorted(chosen), dtype=np.int64)
-        others = np.setdiff1d(np.arange(len(costs)), pins)
+    root, others = np.sqrt(costs), np.setdiff1d(np.arange(len(costs)), found)
+    place = np.searchsorted(others, left)
+    above, diagonals, solvers = [], [], []
+    for matrix in matrices:
         rows = matrix[others]
-        self.solve = pinning.factorised(rows[:, others])
-        self.diagonal, self.place = matrix.diagonal(), np.full(len(costs), -1)
-        self.place[others] = np.arange(len(others))
-        self.v = np.sqrt(costs)
+        solvers.append(pinning.factorised(rows[:, others]))
         # Where nobody is pinned yet: by how loosely everybody is held.
-        self.v[others] = self.solve(-(rows[:, pins] @ self.v[pins]) if len(pins) else np.ones(len(others)))
-        self.rank: list[Array] = []
-        self.column: dict[int, Array] = {}
+        v = solvers[-1](-(rows[:, found] @ root[found]) if found else np.ones(len(others)))
+        above.append(np.maximum(v[place] - root[left], 0.0))
+        diagonals.append(matrix.diagonal()[left])
+    bounds = np.sum([own**2 * diagonal for own, diagonal in zip(above, diagonals, strict=True)], axis=0)
 
-    def bounds(self, agents: Any, costs: Array) -> Array:
-        above = np.maximum(self.v[agents] - np.sqrt(costs[agents]), 0.0)
-        return np.asarray(above**2 * self.diagonal[agents])
+    def saving(candidate: int) -> float:
+        unit = (np.arange(len(others)) == place[candidate]).astype(float)
+        inverse = [solve(unit)[place[candidate]] for solve in solvers]
+        return sum(float(own[candidate]) ** 2 / float(g) for own, g in zip(above, inverse, strict=True))
 
-    def saving(self, agent: int, costs: Array) -> float:
-        own = max(float(self.v[agent] - np.sqrt(costs[agent])), 0.0)
-        return own**2 / float(self._column(agent)[self.place[agent]])
-
-    def pin(self, agent: int, value: float) -> None:
-        """Hold v of one more agent at ``value``."""
-        column = self._column(agent)
-        own = self.place[agent]
-        others = self.place >= 0
-        self.v[others] += column[self.place[others]] * (value - self.v[agent]) / column[own]
-        self.v[agent] = value
-        self.rank.append(column / np.sqrt(column[own]))
-        self.column.clear()
-
-    def _column(self, agent: int) -> Array:
-        """The column of the inverse that belongs to an agent, after the pins since the factorisation."""
-        if agent not in self.column:
-            own = self.place[agent]
-            unit = np.zeros(int(np.max(self.place)) + 1)
-            unit[own] = 1.0
-            column = self.solve(unit)
-            for each in self.rank:
-                column -= each * each[own]
-            self.column[agent] = column
-        return self.column[agent]
+    return int(left[max(np.argsort(-bounds, kind="stable")[:LOOKED_AT], key=saving)])
 
 
 def slow_directions(

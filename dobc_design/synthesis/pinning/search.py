@@ -25,6 +25,8 @@ from dobc_design.conditions.separable import decide as separable
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, find_ordering
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
+from dobc_design.conditions.weighted.decide import network_holds, why_not
+from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix
@@ -61,6 +63,9 @@ SIX_DIGITS = 1e-6  # costs that differ by less (relatively) are alike
 SUPPORT = 1e-7  # gains below this part of the largest pin nobody
 MOST_CAPS = 1e6  # times the caps that were asked for
 BOX_TILTS = (Fraction(1, 10**7), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))  # rates faster than asked
+WEIGHTED_TILTS = (Fraction(1, 10**6), Fraction(1, 10**5), Fraction(1, 1000), Fraction(1, 50))
+MIXED = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8)  # ways from what every mode needs by itself to gains for V = e'e,
+MORE = 4  # or to so many times as much
 SLOWER = 6  # halvings of the rate that are tried for the nearest request
 SMALLEST = Fraction(1, 10**9)  # radius of a box
 
@@ -76,12 +81,14 @@ def search_pinning(problem: Problem, request: PinningRequest, progress: Progress
         raise SpecError(text, key="coupling.h", cure="Use a smooth coupling, such as tanh(y).")
     lambdas = {name: Enclosed(middle=x.constant, deviations=x.deviations) for name, x in statements.lambdas.items()}
     ground = Ground(problem=problem, request=request, lambdas=lambdas)
-    found = _attempt(ground, proposer, progress)
+    weighted = not request.conservative and why_not(statements) is None and not decide.is_undirected(statements)
+    attempt = _weighted_attempt if weighted else _attempt
+    found = attempt(ground, proposer, progress)
     if found.verdict is Verdict.PROVED:
         return found
     for weaker in _weaker(ground, proposer, found.statements[0].kind if found.statements else None):
         other = make_proposer(bare, weaker) or proposer
-        nearest = _attempt(replace(ground, request=weaker), other, progress)
+        nearest = attempt(replace(ground, request=weaker), other, progress)
         if nearest.verdict is Verdict.PROVED:
             return replace(found, nearest=nearest)
     return found
@@ -101,6 +108,85 @@ def _attempt(ground: Ground, proposer: PinningProposer, progress: Progress) -> P
             return without_gains(ground.request, structure, none)
     progress("proving the gains and their bound")
     return _designed(ground, proposer, structure, choice, statements)
+
+
+def _weighted_attempt(ground: Ground, plain: PinningProposer, progress: Progress) -> PinningDesign:
+    """Decide a request by V = e'De: on the agents that V = e'e would choose and on those that the true rate asks for.
+    Where no weights are found, or gains for V = e'e are the cheaper ones, those, without their bounds."""
+    request, bare = ground.request, plain.problem
+    structure = decide.structure_of(bare, request.allowed)
+    limits: dict[str, Any] = {"allowed": request.allowed, "caps": request.caps, "propose": slow_directions}
+    obstacle = decide.structural_obstacle(bare, request.pins, structure)
+    obstacle = obstacle or decide.too_fast(bare, request.rate, pins=request.pins, **limits)
+    proposer = make_proposer(bare, request, weighted=True)
+    if obstacle is not None or proposer is None:
+        return without_gains(request, structure, obstacle)
+    found, sets, designs = _attempt(ground, plain, progress), [request.allowed], list[PinningDesign]()
+    if request.pins is not None:
+        progress("looking for the agents that a gain helps most")
+        most = request.pins if isinstance(request.pins, int) else None
+        sets = [tuple(sorted(map(bare.network.index.__getitem__, found.gains)))]
+        rate = float(request.rate)
+        greedy = proposer.greedy(request.allowed, structure.groups, rate, most)
+        sets.append(greedy or proposer.cheapest(request.allowed, most or len(request.allowed), rate))
+    progress("proving the gains")
+    for agents in dict.fromkeys(filter(None, sets)):
+        designs += filter(None, [_with_weights(ground, proposer, plain, structure, agents)])
+    designs += [_unbounded(found)] if found.verdict is Verdict.PROVED else []
+    if not designs:
+        return without_gains(request, structure, None)
+    count = len if request.pins == FEWEST else (lambda gains: 0)
+    best = min(designs, key=lambda design: (count(design.gains), design.cost or 0))
+    if request.pins != FEWEST:
+        return best
+    needed, pins = max(1, structure.least), len(best.gains)
+    if pins > needed and decide.too_fast(bare, request.rate, pins=pins - 1, **limits) is not None:
+        needed = pins
+    return replace(best, statements=(*best.statements, _fewest(pins, needed)))
+
+
+def _unbounded(design: PinningDesign) -> PinningDesign:
+    """A design by V = e'e without what holds for V = e'e alone."""
+    reason = design.reason.rpartition(", and nothing that does")[0] + ", by V = e'e."
+    kept = tuple(each for each in design.statements if each.kind in ("rate", "structure"))
+    return replace(
+        design, reason=reason, statements=kept, lower_bound=None, bound=None, bound_for=(), prices=(), ties=()
+    )
+
+
+def _with_weights(
+    ground: Ground, proposer: PinningProposer, plain: PinningProposer, structure: Structure, agents: Sequence[int]
+) -> PinningDesign | None:
+    """The smallest gains found on these agents for which weights of V are proved; None if none are.  What every mode
+    needs by itself does for one; several need weights in common, for which V = e'e is the last resort."""
+    request, labels, rate = ground.request, ground.problem.network.labels, number_text(ground.request.rate)
+    several = len(ground.lambdas) > 1
+
+    def proved_with(gains: Gains) -> PinningDesign | None:
+        named = {labels[i]: k for i, k in gains.items()}
+        held = changed_problem(ground.problem, {"pinning.gains": named})
+        claim = network_claim(held, float(request.rate)) if gains else None
+        if claim is None or not network_holds(claim, state_theorems(held), rate=request.rate):
+            return None
+        text = f"V = e'De with a weight for each agent: V' <= -2 ({rate}) V near the target in every mode, for the"
+        statement = proved("rate", f"{text} gains as they are written.", rate=rate)
+        design = _with_gains(request, structure, gains, held, " near the target")
+        reason = f"{design.reason}, by V = e'De with a weight for each agent (the true local rate)."
+        return replace(design, weights=claim, statements=(statement,), reason=reason)
+
+    for tilt in WEIGHTED_TILTS:
+        speed = float(request.rate * (1 + tilt))
+        least = proposer.relax(agents, speed)[0]
+        if least is None:
+            continue
+        most = (plain.relax(agents, speed)[0] if several else None) or [MORE * k for k in least]
+
+        for part in MIXED if several else MIXED[:1]:
+            mixed = {i: least[i] + part * (most[i] - least[i]) for i in agents}
+            found = proved_with(typed_gains(mixed, digits=request.digits, caps=request.caps))
+            if found is not None:
+                return found
+    return None
 
 
 def _too_fast(ground: Ground, proposer: PinningProposer) -> Statement | None:

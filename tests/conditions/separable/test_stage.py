@@ -58,25 +58,25 @@ def test_without_a_region_nothing_regional_is_examined_and_a_box_answers_no_ques
     assert found["max-separable"].domain["disturbance"] == pytest.approx(0.5, abs=1e-5)  # |xi(0)| of its simulation
     assert "No region is asked for; boxes up to 10 were tried" in found["max-separable"].reason
     faster = replace(found["max-separable"], rate=9.0)
-    assert decide_overall(problem, [*certificate.checks, faster], problem.observer.W).covered_by == "theorem1"
+    assert decide_overall(problem, [*certificate.checks, faster], problem.observer.W).covered_by == "theorem1-weighted"
 
 
 def test_a_region_that_the_theorem_covers_needs_no_more():
     """Linear couplings: Lemma 1 is global."""
     problem = listening([[1, 2], [2, 1]], "2*y", gains=5, region=side(4))
     certificate = certify(problem)
-    assert certificate.covered_by == "lemma1"
-    assert {check.id for check in certificate.checks} == {"reachability", "lemma1"}
+    assert {check.id for check in certificate.checks} == {"reachability", "lemma1", "theorem1-weighted", "tolerance"}
     check = stage(problem, domain="global", everything=True)["max-separable"]
     assert (check.verdict, check.domain, check.exact["rho"]) == (PROVED, "global", None)
 
 
 def test_linear_couplings_are_proved_from_everywhere_where_v_is_not_quadratic():
-    """A star with a far heavier arc: e'e grows, max |e_i|/v_i falls, however large the region."""
+    """A star with a far heavier arc: e'e grows, e'De and max |e_i|/v_i fall, however large the region."""
     problem = listening([[2, 1, 50]], "y", n=2, gains={1: 1}, target=0, region=side("1e9"))
     certificate = certify(problem)
     assert certificate.check("lemma1").verdict is REFUTED
-    assert (certificate.verdict, certificate.covered_by) == (PROVED, "max-separable")
+    assert (certificate.verdict, certificate.covered_by) == (PROVED, "theorem1-weighted")
+    assert stage(problem, domain="global")["max-separable"].verdict is PROVED
     assert recheck(certificate_bytes(certificate.claims), problem).holds
 
 

@@ -54,9 +54,16 @@ def test_the_papers_example_without_k_and_w_is_proved_for_its_box_with_at_most_t
 
 
 def test_without_a_region_the_design_is_proved_at_the_consensus():
+    """Ring of 4 at the rate b with one pin: (1 + k - b) (1 - b)^3 = 1; twice as many pins are needed for V = e'e."""
     found = dd.design(ring(region=None), rate="0.1")
     assert is_proved(found)
-    assert found.certificate.covered_by == "lemma1"
+    assert found.certificate.covered_by == "theorem1-weighted"
+    assert float(found.cost) == pytest.approx(1 / 0.9**3 - 0.9, rel=0.05)
+    assert any("the true rate near the target" in sentence for sentence in found.decisions)
+    plain = dd.design(ring(region=None), rate="0.1", conservative=True)
+    assert is_proved(plain) and plain.cost > found.cost
+    assert any("chosen for V = e'e" in sentence for sentence in plain.decisions)
+    assert dict(plain.request.limits(plain.labels))["conservative"] == "V = e'e near the target"
 
 
 def test_gains_of_the_problem_are_not_looked_at():

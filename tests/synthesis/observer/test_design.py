@@ -22,7 +22,7 @@ from dobc_design.synthesis.observer.claim import (
     common_interval,
     read_observer_request,
 )
-from dobc_design.synthesis.observer.decide import channel, rate_holds
+from dobc_design.synthesis.observer.decide import channel, noise_statement, rate_holds
 from dobc_design.synthesis.observer.propose import make_plant, propose_gains
 from dobc_design.verdict import Verdict
 
@@ -153,6 +153,15 @@ def test_a_rate_beyond_a_hidden_mode_and_too_little_noise_are_refuted_and_the_ne
     loud = design(SHAPES["harmonic"], noise="1.9")
     assert (loud.verdict, loud.nearest.verdict) == (Verdict.REFUTED, Verdict.PROVED)
     assert loud.nearest.request.noise[0].bound > 2
+
+
+@pytest.mark.parametrize("channel", ["disturbance", "measurement"])
+@pytest.mark.parametrize("frequency", ["23/7", "24/7", "30/7", "4/5"])
+def test_the_nearest_bound_on_noise_is_kept_by_its_gain(frequency, channel):
+    """A norm is rounded up to six digits: 3.360270... is not below 3.36027."""
+    exosystem = dd.Exosystem(A=[[0, frequency], [f"-{frequency}", 0]], C=[[1, 0]])
+    nearest = design(exosystem, noise=NoiseLimit(bound="1/100", channel=channel)).nearest
+    assert noise_statement(exosystem, nearest.W, nearest.request.noise[0]).verdict is Verdict.PROVED
 
 
 def test_a_region_of_one_point_is_met_exactly():

@@ -1,0 +1,102 @@
+"""tolerance and actuators: what a max-separable proof leaves to errors of the model, and the inputs that it needs."""
+
+import math
+from collections.abc import Iterator
+from fractions import Fraction
+from functools import partial
+from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
+
+from .files import Certificate
+from .intervals import absolute, divided, enclosed
+from .matrices import ZERO, Matrix, product, transpose
+from .reading import an_object, need, rational, read, weights
+from .separable import Curve, beside, holds_box, pace, read_separable, rows, starts
+
+CUTS = 1024  # of the interval on which |h(y)/y| is bounded
+
+
+def root(square: Fraction) -> Fraction:
+    """An upper bound of a square root."""
+    return Fraction(math.isqrt(math.ceil(square * 4**60)) + 1, 2**60)
+
+
+def tolerance(case: Certificate, check: Any) -> None:
+    """The rows hold for all weights and gains within relative errors: those beside, or at the target with a v."""
+    p, table = case.problem, case.problem.uncertainty
+    shape = dict.fromkeys(("weights", "gains", "alpha", "eta?"), rational) | {"v?": partial(weights, p.n)}
+    exact = read(check.exact, shape)
+    errors, v, eta, rate = (exact.weights, exact.gains), exact.v, exact.eta, exact.alpha
+    need(all(0 <= error < 1 for error in errors) and rate > 0, "an error is not in [0, 1), or alpha is not positive")
+    need(table is None or (table.weights <= errors[0] and table.gains <= errors[1]), "the problem has larger errors")
+    need((eta is None) == (table is None or table.known_to_agents), "eta is for observers that do not know the weights")
+    claim = SimpleNamespace(v=v, rho=None) if v else beside(case, check)
+    rows(case, claim, exact.alpha, Fraction(1), errors, local=bool(v))
+    if v:
+        need(eta is None and check.domain == p.domain and not p.kinked, "it is no claim about the target")
+        need(p.q == 0 or check.rate is None, "the rows at the target give no rate of the whole loop")
+    elif p.q:
+        need(eta is None or bool(pull(case, claim) * errors[0] <= eta), "eta is not shown")
+        rate = min(rate - claim.kappa * (eta or 0), pace(case, claim))
+    rated = check.rate is not None and 0 < check.rate <= rate
+    need(bool(v and p.q) or rated, "the rate is not between 0 and what follows")
+
+
+def pull(case: Certificate, claim: Any) -> Fraction:
+    """max |W|_P max over agents of sum w (v_i + v_j) sup |h(y)/y|: what errors of the weights add to eps at most."""
+    p, rho, v = case.problem, claim.rho or Fraction(1), claim.v
+    roots = [root(product([w], product(claim.P, transpose([w])))[0][0]) for w in transpose(case.W)]
+    norm = max(sum(roots[k : k + p.m], ZERO) for k in range(0, len(roots), p.m))
+    arcs = [(i, arc, v[i] + v[arc.j]) for heard in p.heard.values() for i in range(p.n) for arc in heard[i]]
+    ends = {h: max((y for _, arc, y in arcs if arc.coupling is h), default=ZERO) for h in p.couplings}
+    slopes = {h: max(secants(h, enclosed(rho * y)[1])) for h, y in ends.items() if y}
+    agents = [[(arc, v[i] + v[arc.j]) for arc in heard[i]] for heard in p.heard.values() for i in range(p.n)]
+    return norm * max(sum((arc.w * y * slopes[arc.coupling] for arc, y in each), ZERO) for each in agents)
+
+
+def secants(h: Any, end: float) -> Iterator[Fraction]:
+    """Upper bounds of |h(y)/y| on pieces of |y| <= end: |h| over the nearer end, or the steepest slope so far."""
+    steepest, curves = 0.0, [Curve(h, mirrored) for mirrored in (False, True)]
+    for a, b in pairwise([*(end * (k / CUTS) for k in range(CUTS)), end]):
+        both = [curve.at((a, b)) for curve in curves]
+        steepest = max(steepest, *(absolute(slope)[1] for _, slope in both))
+        largest = max(divided(absolute(value), (a, a))[1] for value, _ in both) if a else steepest
+        yield Fraction(min(steepest, largest))
+
+
+def actuators(case: Certificate, check: Any) -> None:
+    """On {V <= rho} |u_i| <= rho max(|k_i| v_i, 1/kappa) + |d_i|, which no limit is below."""
+    p, proofs = case.problem, [each for each in case.checks if (each.id, each.verdict) == ("max-separable", "proved")]
+    exact = read(check.exact, {"rho": rational, "inputs": an_object})
+    need(bool(proofs) and p.actuators is not None and check.rate is None, "there is no proof, or nothing is asked")
+    claim = read_separable(case, proofs[0].exact)
+    need(0 < exact.rho <= (claim.rho or exact.rho), "rho is not that of the proof")
+    starts(case, check.domain, "box")
+    holds_box(claim, check.domain, exact.rho)
+    need(set(exact.inputs) == set(p.labels), "there is not one input for each agent")
+    more = 1 + (p.uncertainty.gains if p.uncertainty else 0)
+    for i, label in enumerate(p.labels):
+        k = more * max((sum(map(abs, row)) for row in p.gains.get(i, [])), default=ZERO)
+        level, most = exact.rho * max(k * claim.v[i], 1 / claim.kappa if p.q else ZERO), rational(exact.inputs[label])
+        need(level + amplitude(case, i) <= most, f"the input of agent {label} may be larger")
+        need(most <= p.actuators.limit.get(i, most), f"the input of agent {label} may exceed its limit")
+
+
+def amplitude(case: Certificate, i: int) -> Fraction:
+    """A bound of every component of d_i: given, or of the sines that xi0 starts; there A^2 has to be diagonal."""
+    p = case.problem
+    if p.actuators.amplitude is not None or not p.q:
+        return Fraction(p.actuators.amplitude or 0)
+    group, given = p.groups[p.place[i]], read(p.simulation.get("xi0") or [], [[rational]])
+    x: Matrix = transpose(given[min(i, len(given) - 1) :][:1])
+    need(len(x) == len(group.A), "there is no start of the disturbance")
+    square, slopes, sums = product(group.A, group.A), product(group.A, x), [ZERO] * p.m
+    need(all(j == k or not y for j, row in enumerate(square) for k, y in enumerate(row)), "d is no sum of sines")
+    for w in {-row[k] for k, row in enumerate(square)}:
+        for c, row in enumerate(group.C):
+            alike = [[y if square[k][k] == -w else ZERO for k, y in enumerate(row)]]
+            value, slope = product(alike, x)[0][0], product(alike, slopes)[0][0]
+            need(w > 0 or w == slope == 0, "the disturbance may grow")
+            sums[c] += root(value**2 + slope**2 / w) if w else abs(value)
+    return max(sums)

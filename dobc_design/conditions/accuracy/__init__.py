@@ -1,0 +1,1 @@
+"""How close to the target the agents end under what the model leaves out: disturbances, drift, noise."""

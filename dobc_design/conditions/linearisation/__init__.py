@@ -1,0 +1,1 @@
+"""The linearisation at the target of a small network, decided whole."""

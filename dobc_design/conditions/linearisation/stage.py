@@ -1,0 +1,41 @@
+"""The linearisation: when it is tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from dobc_design.conditions.check import Check, limited
+from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.consensus.decide import linear_part
+from dobc_design.conditions.coverage import covers
+from dobc_design.conditions.linearisation.decide import ID, decaying_parts, linearisation_check
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.problem.arrays import unreached
+from dobc_design.problem.problem import Problem
+
+
+def linearisation_stage(
+    problem: Problem, statements: Statements, checks: Sequence[Check], W: Matrix | None
+) -> list[Check]:
+    """The check, where the question is local and open: one mode, all agents reached, nothing proved so far."""
+    if len(problem.network.modes) > 1 or any(unreached(problem, [arcs]) for arcs in problem.network.modes.values()):
+        return []
+    if (problem.region is not None and not problem.is_linear) or any(
+        covers(problem, check, checks) for check in checks
+    ):
+        return []
+
+    def decided() -> Check:
+        loop = linear_part(statements, *problem.network.modes) if statements.jacobians is not None else None
+        parts = None if loop is None else decaying_parts(statements, W, loop)
+        slowest = 0.0
+        with suppress(SpecError, np.linalg.LinAlgError):  # beyond the floats there is no estimate
+            slowest = min((-float(np.linalg.eigvals(to_float(part)).real.max()) for part in parts or ()), default=0.0)
+        return linearisation_check(statements, W, estimate=slowest)
+
+    found = limited(ID, statements.domain, decided)
+    return [found] if found.applies else []

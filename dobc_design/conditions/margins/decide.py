@@ -1,0 +1,172 @@
+"""The checks tolerance and actuators, decided beside a proved max-separable check (``claim`` states them)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+from dobc_design.conditions.check import Check, read_domain
+from dobc_design.conditions.margins.claim import Inputs, Tolerance, read_claim
+from dobc_design.conditions.numbers import follows
+from dobc_design.conditions.separable import claim as claims
+from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.decide import (
+    NOT_BY_COMPONENT,
+    composite_rate,
+    coupling_profiles,
+    covers,
+    linear_bound,
+    verify_separable,
+)
+from dobc_design.coupling.enclosures import Curve, secant_range
+from dobc_design.exact.interval import Interval
+from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
+from dobc_design.exact.number import root_above
+from dobc_design.exact.symmetric import Doubles, least
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.groups import group_numbers
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
+_ZERO, _ONE = Fraction(0), Fraction(1)
+
+
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None) -> str | None:
+    """None if everything that a proved check claims is confirmed, else what is not; ``proof``: the max-separable check
+    of the same certificate, ``domain``: that of Lemma 1.  Raises what a malformed claim raises."""
+    if check.verdict is not Verdict.PROVED or check.witness is not None:
+        return "it can only be proved or undecided, and has no witness"
+    base, claim = None, read_claim(check, problem, W)
+    if proof is not None and proof.verdict is Verdict.PROVED:
+        base = claims.separable_from_json(proof.exact, problem)
+    if isinstance(claim, Inputs):
+        return "it needs a proved max-separable check" if base is None else _not_inputs(check, problem, base, claim)
+    if not isinstance(claim, Tolerance):
+        return "it is not known here"
+    table, errors = problem.uncertainty, claim.errors
+    if table is not None and (errors.weights < table.weights or errors.gains < table.gains):
+        return "the errors of [uncertainty] are larger"
+    if (claim.eta is None) is not agents_know(problem):
+        return "eta belongs to observers that do not know the weights, and to no others"
+    if claim.v is not None:
+        if check.domain != domain or (problem.groups and (W is None or check.rate is not None)):
+            return f"the domain must be {domain!r}; with an observer, which is needed, rows give no rate of the loop"
+        wrong = _not_local(problem, claim, claim.v)
+        return wrong if wrong or problem.groups or follows(check.rate, claim.alpha) else "the rate does not follow"
+    if base is None or proof is None or proof.domain != check.domain:
+        return "it needs a proved max-separable check with its domain"
+    answer = verify_separable(problem, replace(base, alpha=claim.alpha), errors=errors)
+    if answer.verdict is not Verdict.PROVED:
+        return answer.reason
+    if claim.eta is not None and errors.weights * observer_pull(problem, W, base) > claim.eta:
+        return "eta is not shown to bound what the errors of the weights add to the estimation error"
+    return None if follows(check.rate, tolerated_rate(base, claim)) else f"the rate {check.rate} does not follow"
+
+
+def agents_know(problem: Problem) -> bool:
+    """Whether the observers use the true weights."""
+    return problem.uncertainty is None or problem.uncertainty.known_to_agents
+
+
+def tolerated_rate(base: Separable, claim: Tolerance) -> Fraction:
+    """The rate of V with the errors: min(alpha - kappa eta, beta - 1/(kappa min v))."""
+    if base.error is None:
+        return claim.alpha
+    return min(claim.alpha - base.error.kappa * (claim.eta or _ZERO), composite_rate(base))
+
+
+def observer_pull(problem: Problem, W: Matrix | None, base: Separable) -> Fraction:
+    """An upper bound of eta/delta for the gain W (q, m); 0 without an observer.  Raises: exact.interval.UndefinedError
+    where h(y)/y is not bounded."""
+    if base.error is None or W is None:
+        return _ZERO
+    columns = transpose(W)
+    squares = [multiply((c,), multiply(base.error.P, transpose((c,))))[0][0] for c in columns]
+    roots, m, rho = [root_above(square, unit=ROOTS) for square in squares], problem.m, base.rho or _ONE
+    norm = max(sum(roots[k : k + m], _ZERO) for k in range(0, len(roots), m))  # of every group
+    reaches = [rho * reach for reach in claims.largest_reach(problem, base.v)]
+    curves = [Curve(coupling.components[0]) for coupling in problem.couplings]
+    pairs = zip(curves, reaches, strict=True)
+    steepest = [secant_range(curve, Interval(-y, y)).magnitude for curve, y in pairs]
+    sums = (
+        sum(x.weight * x.reach * steepest[x.coupling] for x in row.terms) for row, _ in claims.rows(problem, base.v)
+    )
+    return norm * max(sums, default=_ZERO)
+
+
+def why_not_local(problem: Problem) -> str | None:
+    """Why the rows at the target say nothing; None if they do."""
+    if not claims.acts_by_component(problem):
+        return NOT_BY_COMPONENT
+    if any(coupling.nonsmooth for coupling in problem.couplings):
+        return "does not apply: a coupling may have a kink at the target."
+    known = "does not apply: observers that do not know the weights need a max-separable certificate ([region])."
+    return None if agents_know(problem) else known
+
+
+def _not_local(problem: Problem, claim: Tolerance, v: Vector | Doubles) -> str | None:
+    """The rows for the slopes at the target: sum w h'(0) (v_j - v_i) <= (k_i - alpha) v_i."""
+    if least(v) <= 0:
+        return "v must be > 0"
+    reason, profiles = why_not_local(problem), coupling_profiles(problem, v, rho=None)
+    for row, place in claims.rows(problem, v, errors=claim.errors) if reason is None else ():
+        if linear_bound(row, 1, profiles) > (row.gain - claim.alpha) * row.own:
+            return f"the row of agent {problem.network.labels[place.agent]} in mode {place.mode} fails at the target"
+    return reason
+
+
+def largest_disturbance(problem: Problem) -> tuple[Fraction, ...] | None:
+    """For each agent a bound of every component of d_i(t), t >= 0: actuators.amplitude, else that of the runs from
+    simulation.xi0; None where that is not given or not a sum of constants and sines."""
+    given, starts = problem.actuators and problem.actuators.amplitude, problem.simulation.xi0
+    if given is not None or not problem.groups:
+        return (given or _ZERO,) * problem.n
+    numbers = group_numbers(problem.groups, problem.network.labels)
+    pairs = list(zip(numbers, starts if len(starts) > 1 else starts * problem.n, strict=True)) if starts else []
+    known = {pair: _amplitude(problem.groups[pair[0]].exosystem, pair[1]) for pair in dict.fromkeys(pairs)}
+    found = [known[pair] for pair in pairs]
+    return tuple(x for x in found if x is not None) if found and None not in found else None
+
+
+def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
+    """A bound of every component of C exp(A t) start.  If A^2 is diagonal, xi_i'' = -w_i^2 xi_i: what the components
+    with one w^2 add is a sine, or with w = 0 constant where its slope is 0.  None for others."""
+    A, q = exosystem.A, exosystem.order
+    squares, slopes = multiply(A, A), tuple(row[0] for row in multiply(A, tuple((x,) for x in start)))
+    if any(squares[i][j] for i in range(q) for j in range(q) if i != j):
+        return None
+    sums = [_ZERO] * exosystem.outputs
+    for square in {-squares[i][i] for i in range(q)}:
+        for row, c in enumerate(exosystem.C):
+            alike = [i for i in range(q) if squares[i][i] == -square]
+            value, slope = (sum((c[i] * x[i] for i in alike), _ZERO) for x in (start, slopes))
+            if square < 0 or (square == 0 and slope):
+                return None
+            sums[row] += root_above(value**2 + slope**2 / square, unit=ROOTS) if square else abs(value)
+    return max(sums)
+
+
+def input_slopes(problem: Problem, base: Separable) -> tuple[Fraction, ...]:
+    """For each agent how much |u_i - d_i| grows with the level of V: max(|k_i|_1 v_i, 1/kappa), with the relative
+    error of gains in [uncertainty]."""
+    more = 1 + (problem.uncertainty.gains if problem.uncertainty is not None else _ZERO)
+    sizes = {i: more * max(sum(map(abs, row), _ZERO) for row in k) for i, k in problem.pinning.gains.items()}
+    noise = _ZERO if base.error is None else 1 / base.error.kappa
+    return tuple(max(sizes.get(i, _ZERO) * v, noise) for i, v in enumerate(base.v))
+
+
+def _not_inputs(check: Check, problem: Problem, base: Separable, claim: Inputs) -> str | None:
+    """None if every input is bounded by ``claim``, below every limit."""
+    table, disturbance = problem.actuators, largest_disturbance(problem)
+    if table is None or disturbance is None or check.rate is not None:
+        return "it needs [actuators], a bound of the disturbance, and no rate"
+    radius, noise = read_domain(check.domain, problem, kind="box")
+    inside = 0 < claim.rho <= (base.rho or claim.rho)
+    if not inside or not covers(replace(base, rho=claim.rho), radius=radius, disturbance=noise):
+        return "its box is not inside {V <= rho}, or rho is larger than that of the certificate"
+    each = zip(problem.network.labels, input_slopes(problem, base), disturbance, strict=True)
+    for label, slope, largest in each:
+        if not slope * claim.rho + largest <= claim.inputs[label] <= (table.limit_of(label) or claim.inputs[label]):
+            return f"the input of agent {label} may be larger, or exceed its limit"
+    return None

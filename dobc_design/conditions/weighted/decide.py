@@ -1,0 +1,206 @@
+"""Weighted Theorems 1 and 2, decided: the rows N w > 0, exactly for few agents, else in floats rounded outward."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.consensus.claim import ModeJacobian, Pair, Statements
+from dobc_design.conditions.consensus.decide import schur_block
+from dobc_design.conditions.numbers import MANY_AGENTS, claimed, shorten
+from dobc_design.conditions.weighted.claim import Weighted, read_claim
+from dobc_design.exact.definite import decide_positive_definite
+from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply
+from dobc_design.exact.number import float_above, float_below
+from dobc_design.exact.symmetric import Doubles, SparseSymmetric
+from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+ZERO = Fraction(0)
+_SMALLEST = 2.0**-240  # a product of four numbers above keeps its digits
+_ROUNDINGS = 12  # of one term, generously; those of the sums are counted
+
+
+def id_for(problem: Problem) -> str:
+    """The id of the check: one mode, or several."""
+    return "theorem1-weighted" if len(problem.network.modes) == 1 else "theorem2-weighted"
+
+
+def why_not(statements: Statements) -> str | None:
+    """Why the theorem does not apply; None if it does: gains of arcs and pins diagonal and >= 0."""
+    if statements.inapplicable is not None or statements.jacobians is None:
+        return statements.inapplicable
+    if not all(mode.is_nonnegative_diagonal for mode in statements.jacobians.modes):
+        return "does not apply: a coupling has a negative slope at the target, or mixes components."
+    pins = statements.problem.pinning.gains.values()
+    if any(x for k in pins for c, row in enumerate(k) for d, x in enumerate(row) if c != d):
+        return "does not apply: a pinning gain mixes components."
+    return None
+
+
+def holds(claim: Weighted, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
+    """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the observer."""
+    sigma = observer_bounds(statements.problem, claim.P, W, rate=rate)
+    return sigma is not None and network_holds(claim, statements, rate=rate, sigma=sigma)
+
+
+def network_holds(
+    claim: Weighted, statements: Statements, *, rate: Fraction, sigma: Sequence[Fraction] | None = None
+) -> bool:
+    """The same for sigma of every group; for the network alone (eps = 0) without."""
+    sigma = (ZERO,) * max(1, len(statements.problem.groups)) if sigma is None else sigma
+    if why_not(statements) is not None or statements.jacobians is None:
+        return False
+    return all(
+        rows_hold(mode, statements.problem, claim.D, claim.w[mode.name], rate=rate, sigma=sigma)
+        for mode in statements.jacobians.modes
+    )
+
+
+def observer_bounds(
+    problem: Problem, P: Matrix | None, W: Matrix | None, *, rate: Fraction
+) -> tuple[Fraction, ...] | None:
+    """For each group sigma >= lambda_max(S), its largest row sum; 0 without an exosystem.  None unless P > 0 and
+    Omega0 + 2 rate P < 0 are proved."""
+    exosystem = problem.joint_exosystem
+    if exosystem is None:
+        return (ZERO,)
+    if P is None or W is None or not is_symmetric(P) or len(P) != exosystem.order:
+        return None
+    if decide_positive_definite(SparseSymmetric.from_dense(P)).verdict is not Verdict.PROVED:
+        return None
+    orders = [(group.exosystem.order,) * 2 for group in problem.groups]
+    if blocks_of(P, orders) is None:
+        return None
+    S = schur_block(Pair(P=P, Q=multiply(P, W)), exosystem, rate=rate)
+    if S is None:
+        return None
+    blocks = group_blocks(S, len(problem.groups))
+    return tuple(max(sum((abs(x) for x in row), ZERO) for row in block) for block in blocks)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Sums:
+    """Sums by row of exact terms, or of floats with what rounding may have taken or added."""
+
+    total: NDArray[Any]
+    sizes: NDArray[Any]
+    counts: NDArray[Any]
+
+    @classmethod
+    def of(cls, size: int, *, exact: bool) -> _Sums:
+        zeros = np.full(size, ZERO) if exact else np.zeros(size)
+        return cls(total=zeros, sizes=np.zeros(size), counts=np.zeros(size))
+
+    def add(self, rows: NDArray[np.int64], terms: NDArray[Any]) -> None:
+        if self.total.dtype == object:
+            np.add.at(self.total, rows, terms)
+            return
+        size = len(self.total)
+        self.total[:] += np.bincount(rows, weights=terms, minlength=size)
+        self.sizes[:] += np.bincount(rows, weights=np.abs(terms), minlength=size)
+        self.counts[:] += np.bincount(rows, minlength=size)
+
+    def are_positive(self) -> bool:
+        if self.total.dtype == object:
+            return bool((self.total > 0).all())
+        with np.errstate(invalid="ignore", over="ignore"):
+            slack = (self.counts + _ROUNDINGS) * 2.0**-52 * self.sizes
+            return bool((self.total > slack).all())
+
+
+def rows_hold(
+    mode: ModeJacobian,
+    problem: Problem,
+    D: Vector | Doubles,
+    w: Vector | Doubles,
+    *,
+    rate: Fraction,
+    sigma: Sequence[Fraction],
+) -> bool:
+    """Whether N w > 0 holds in this mode for every gain in its enclosure."""
+    n, m = problem.n, problem.m
+    exact = n * m <= MANY_AGENTS or not (isinstance(D, Doubles) and isinstance(w, Doubles))
+    below, above = ((lambda x: x), (lambda x: x)) if exact else (float_below, float_above)
+    d, v = (_entries(each, exact=exact) for each in (D, w))
+    owners = np.array(group_numbers(problem.groups, problem.network.labels), dtype=np.int64)
+    slow = np.array([above(2 * rate)], dtype=object if exact else np.float64)[0]
+    weights = np.array([above(x) for x in sigma], dtype=object if exact else np.float64)[np.repeat(owners, m)]
+    pins = np.array([(i * m + c) for i in problem.pinning.gains for c in range(m)], dtype=np.int64)
+    gains = np.array([below(2 * k[c][c]) for k in problem.pinning.gains.values() for c in range(m)], dtype=d.dtype)
+    if not exact and not _keeps_digits(d, v, weights, gains, np.array([slow])):
+        return False
+    sums = _Sums.of(n * m, exact=exact)
+    everyone = np.arange(n * m)
+    with np.errstate(over="ignore", invalid="ignore"):
+        sums.add(everyone, -slow * d * v)
+        sums.add(everyone, -weights * d * d * v)
+        sums.add(pins, gains * d[pins] * v[pins])
+        for c in range(m):
+            low = np.array([below(gain[c][c].lo) for gain in mode.gains], dtype=d.dtype)
+            high = np.array([above(gain[c][c].hi) for gain in mode.gains], dtype=d.dtype)
+            if not exact and not _keeps_digits(low, high):
+                return False
+            i, j = mode.arcs.listeners * m + c, mode.arcs.speakers * m + c
+            pull = 2 * v[i] - v[j]
+            gain = np.where(pull >= 0, low[mode.kind], high[mode.kind])
+            sums.add(i, gain * d[i] * pull)
+            sums.add(j, -high[mode.kind] * d[i] * v[i])
+    return sums.are_positive()
+
+
+def _entries(vector: Vector | Doubles, *, exact: bool) -> NDArray[Any]:
+    if exact and isinstance(vector, Doubles):
+        return np.array(tuple(vector), dtype=object)
+    return vector.array if isinstance(vector, Doubles) else np.array(vector, dtype=object)
+
+
+def _keeps_digits(*arrays: NDArray[Any]) -> bool:
+    """Whether no product of these numbers loses digits below the smallest float."""
+    return all(bool(((x == 0) | (np.abs(x) > _SMALLEST)).all()) for x in arrays)
+
+
+def weighted_check(id: str, statements: Statements, W: Matrix | None, claim: Weighted | None, *, rate: float) -> Check:
+    """The check of a proposed claim at a proposed rate (1/s, as it is written): proved, or undecided."""
+    undecided = Check(id=id, verdict=Verdict.UNDECIDED, domain=statements.domain, reason="")
+    reason = why_not(statements)
+    if reason is not None:
+        return replace(undecided, reason=reason, applies=False)
+    if claim is None or not holds(claim, statements, W, rate=claimed(rate)):
+        return replace(undecided, reason="no weights D were found for which the condition is proved.")
+    where = " everywhere (the couplings are linear)" if statements.domain == "global" else " near the target"
+    pace = f", V' <= -2 ({shorten(rate, digits=4):.4g}) V" if rate else ""
+    observer = " + sum eps_i' P eps_i" if claim.P is not None else ""
+    return Check(
+        id=id,
+        verdict=Verdict.PROVED,
+        domain=statements.domain,
+        rate=rate or None,
+        claim=claim,
+        reason=f"V = e'De{observer} with a weight for each agent decreases{where}{pace}.",
+    )
+
+
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, statements: Statements) -> str | None:
+    """None if the claim of a proved check holds, else what does not.  Raises what a malformed claim raises."""
+    claim = read_claim(check, problem, W)
+    if check.verdict is not Verdict.PROVED or check.witness is not None:
+        return "this check is proved or undecided, without a witness"
+    if check.id != id_for(problem):
+        return f"with these modes the theorem is {id_for(problem)}"
+    if check.domain != statements.domain:
+        return f"the domain must be {statements.domain!r}"
+    if check.rate is not None and check.rate <= 0:
+        return "a rate must be > 0"
+    if (reason := why_not(statements)) is not None:
+        return reason
+    if not isinstance(claim, Weighted) or not holds(claim, statements, W, rate=claimed(check.rate or 0.0)):
+        return "the rows N w > 0 do not hold with that rate"
+    return None

@@ -1,0 +1,306 @@
+"""Proposals for weighted Theorems 1 and 2: rates, weights D, vectors w, the observer's P; no proofs.
+
+For beta below the least real part mu of an eigenvalue of M, w = (M - beta I)^-1 1 and u = (M - beta I)^-T 1 are
+positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive definite (theory, section 10).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations, islice
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+from scipy.sparse import csgraph
+
+from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.consensus.propose import DENSE, decay_rate
+from dobc_design.conditions.numbers import MANY_AGENTS, shorten
+from dobc_design.conditions.weighted.claim import Weighted
+from dobc_design.conditions.weighted.decide import observer_bounds
+from dobc_design.errors import SpecError
+from dobc_design.exact.matrix import Matrix, Vector, to_float
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.problem.exosystems import block_diagonal
+from dobc_design.problem.groups import gains_of, group_numbers
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.conic import Cone, solve_cones, svec
+from dobc_design.solvers.program import Array, round_matrix
+
+PARTS = (1.0, 0.999, 0.99, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1, 0.01, 0.001, 0.0)  # of the rate that is thought possible
+CLOSEST = 0.99995  # of mu where eigenvalues are known
+NEARLY = 0.995
+SHARPENINGS = 30  # of the rate towards mu
+SAFE = 1 - 1e-5  # of a rate that floats show
+DROPPED, FILL = 1e-4, 10  # of incomplete factorisations
+FEW_ENTRIES = 4  # per row, up to which a factorisation stays sparse
+FLOOR = 0.1  # the right side of inverse iteration is at least this part of its largest entry
+BISECTIONS = 8
+COMPARED = 8  # modes that are compared two by two
+LARGEST_PROGRAM = 60  # states for which the weights of several modes are sought by a semidefinite program
+MARGIN = 1e-6
+LEFT, ROUNDED = 0.25, 1e-9  # a row is met when these parts of its right side and of its terms are left at most
+CLOSE, QUICK = (1e-2, 1e-5), 400  # where iterations stop
+GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.LinAlgError)
+
+
+def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weighted, float]]:
+    """Claims with their rates (1/s), the fastest first."""
+    problem = statements.problem
+    tables = {mode: _stiffness(problem, mode) for mode in problem.network.modes}
+    if any(table is None for table in tables.values()) or (problem.groups and W is None):
+        return
+    pairs = {mode: perron(table) for mode, table in tables.items()}
+    if any(pair is None for pair in pairs.values()):
+        return
+    most = SAFE * min(pair.rate for pair in pairs.values() if pair is not None)
+    if W is not None and problem.groups:
+        most = min(most, 0.9995 * min(decay_rate(group.exosystem, gain) for group, gain in _gains(problem, W)))
+    (first, *others) = pairs.values()
+    if others:  # the largest rate that common weights can have, about
+        low, high = 0.0, most
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            low, high = (low, middle) if not _weights(tables, middle) else (middle, high)
+        most = low
+    for part in PARTS:
+        rate = shorten(part * most, digits=6)
+        with suppress(*GIVEN_UP):
+            P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
+            sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
+            pair = None if others else first
+            found = None if sigma is None else _scaled(problem, tables, rate, sigma, P, pair)
+            if found is not None:
+                yield found, rate
+
+
+def disagreeing(problem: Problem) -> tuple[str, str] | None:
+    """Two modes that seem to have no weights in common; None if none of the first ones do."""
+    tables = {mode: _stiffness(problem, mode) for mode in islice(problem.network.modes, COMPARED)}
+    with suppress(*GIVEN_UP):
+        for pair in combinations(tables, 2):
+            own = {mode: tables[mode] for mode in pair}
+            if all(table is not None for table in own.values()) and not _weights(own, 0.0):
+                return pair
+    return None
+
+
+def _stiffness(problem: Problem, mode: str) -> Any:
+    """M = K - dh/de at the target, (n m, n m) sparse; None where it cannot be had."""
+    with np.errstate(all="ignore"), suppress(SpecError):
+        jacobian = consensus_jacobian(problem, mode)
+        table = None if jacobian is None else sparse.csc_array(pinning_matrix(problem) - jacobian)
+        return table if table is not None and np.all(np.isfinite(table.data)) else None
+    return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perron:
+    """Vectors w, u > 0 (n m,) about (M - rate I)^-1 1 and (M - rate I)^-T 1.  With D = diag(u / w) and N = D (M - rate
+    I) + (M - rate I)'D they give N w = u ((M w)_i / w_i + (M'u)_i / u_i - 2 rate) > 0 for every smaller rate."""
+
+    w: Array
+    u: Array
+    rate: float
+
+
+def perron(table: Any) -> Perron | None:
+    """The pair of an M-matrix with a rate close to mu, the least real part of an eigenvalue; None if mu > 0 is not
+    seen, or a numerical library breaks down."""
+    with suppress(*GIVEN_UP):
+        return _perron(table)
+    return None
+
+
+def _perron(table: Any) -> Perron | None:
+    size = table.shape[0]
+    w = u = ones = np.ones(size)
+    acyclic = csgraph.connected_components(table, connection="strong")[0] == size
+    if size <= DENSE or acyclic:
+        mu = float(table.diagonal().min() if acyclic else np.linalg.eigvals(table.toarray()).real.min())
+        pairs = (_pair(table, part * mu, ones, ones) for part in (CLOSEST, *PARTS[1:-1]) if mu > 0)
+        return next((pair for pair in pairs if pair is not None), None)
+    best, low = None, 0.0
+    for _ in range(SHARPENINGS):
+        pair = _pair(table, low, w, u)
+        if pair is None or (best is not None and pair.rate <= best.rate * (1 + 1e-3)):
+            break
+        best, w = pair, pair.w / np.max(pair.w)
+        u = w if pair.u is pair.w else pair.u / np.max(pair.u)
+        if pair.rate >= NEARLY * float(u @ (table @ w)) / float(u @ w):
+            break
+        low = (1 - 1e-3) * pair.rate
+    return best
+
+
+def abscissa(table: Any) -> float:
+    """About the least real part mu of an eigenvalue of an M-matrix; from below for large ones, 0 if none is seen."""
+    pair = perron(table)
+    return 0.0 if pair is None else pair.rate
+
+
+def _pair(table: Any, shift: float, w: Array, u: Array) -> Perron | None:
+    """One step of inverse iteration on both sides; None where it gives no positive vectors or no rate > 0."""
+    solve = _solver(table, shift)
+    floors = [np.maximum(x, FLOOR if table.shape[0] > DENSE else 1.0) for x in (w, u)]
+    x = None if solve is None else solve(floors[0], "N")
+    y = x
+    if solve is not None and x is not None and (w is not u or (table != table.T).nnz):
+        y = solve(floors[1], "T")
+    if x is None or y is None:
+        return None
+    with np.errstate(all="ignore"):
+        rate = float(np.min((table @ x) / x + (table.T @ y) / y)) / 2
+    return Perron(x, y, rate) if rate > 0 else None
+
+
+def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | None:
+    """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"), about: by a factorisation where the network is
+    small or stays sparse, else by iteration.  None where none is positive, each row met up to a part of its terms."""
+    size = table.shape[0]
+    shifted = sparse.csc_array(table - rate * sparse.eye_array(size))
+    matrices = {"N": sparse.csr_array(shifted), "T": sparse.csr_array(shifted.T)}
+    scale = shifted.diagonal()
+    if not np.all(scale > 0):
+        return None
+    iterates = size > DENSE and table.nnz > FEW_ENTRIES * size
+    factors: list[Any] = []
+
+    def answers(right: Array, which: str) -> Iterator[Array]:
+        matrix, start = matrices[which], right / scale
+        for close in CLOSE if iterates and not factors else ():
+            near = sparse.diags_array(1 / scale)
+            start = sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=close, maxiter=QUICK)[0]
+            yield start
+        if not factors:
+            if iterates:
+                factors.append(sparse.linalg.spilu(shifted, drop_tol=DROPPED, fill_factor=FILL))
+            else:  # without exchanges, which an M-matrix does not need, no digits of small entries are lost
+                factors.append(sparse.linalg.splu(shifted, diag_pivot_thresh=0.0))
+        start = factors[0].solve(right, which)
+        yield start
+        if iterates:
+            near = sparse.linalg.LinearOperator(matrix.shape, matvec=lambda x: factors[0].solve(x, which))
+            yield sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=CLOSE[-1], maxiter=QUICK)[0]
+
+    def solve(right: Array, which: str) -> Array | None:
+        with np.errstate(all="ignore"), suppress(*GIVEN_UP):
+            for x in answers(right, which):
+                missed = np.abs(matrices[which] @ x - right)
+                if np.all(np.isfinite(x)) and np.all(x > 0) and np.all(missed <= LEFT * right + ROUNDED * scale * x):
+                    return np.asarray(x)
+        return None
+
+    return solve
+
+
+def _weights(tables: Mapping[str, Any], rate: float) -> list[Array]:
+    """Weights D (n m,) that seem to do for this rate in every mode, the largest 1; none if none are seen."""
+    logarithms = []
+    for M in tables.values():
+        solve, ones = _solver(M, rate), np.ones(M.shape[0])
+        w, u = (None, None) if solve is None else (solve(ones, "N"), solve(ones, "T"))
+        if w is None or u is None:
+            return []
+        logarithms.append(np.log(u) - np.log(w))
+    found = [np.mean(logarithms, axis=0), *(logarithms if len(logarithms) > 1 else ())]
+    weights = [np.exp(each - each.max()) for each in found]
+    if len(tables) == 1:
+        return weights
+    if len(weights[0]) <= LARGEST_PROGRAM:
+        weights += _program(tables, rate)
+    return [D for D in weights if all(_height(M, D, rate) is not None for M in tables.values())]
+
+
+def _program(tables: Mapping[str, Any], rate: float) -> list[Array]:
+    """The most even D >= 1 with D (M - rate I) + (M - rate I)'D >= 0 and a little more, by a semidefinite program."""
+    size = len(next(iter(tables.values())).toarray())
+    cones = [
+        Cone("nonnegative", np.column_stack([-np.eye(size), np.zeros(size)]), -np.ones(size)),
+        Cone("nonnegative", np.column_stack([np.eye(size), -np.ones(size)]), np.zeros(size)),
+    ]
+    for M in tables.values():
+        rows = M.toarray() - rate * np.eye(size)
+        units = [np.outer(e, row) + np.outer(row, e) for e, row in zip(np.eye(size), rows, strict=True)]
+        columns = np.column_stack([*(-svec(unit) for unit in units), np.zeros(size * (size + 1) // 2)])
+        cones.append(Cone("semidefinite", columns, -svec(MARGIN * float(np.abs(rows).max()) * np.eye(size))))
+    answer = solve_cones(np.append(np.zeros(size), 1.0), cones)
+    found = answer.x[:size] if answer.found else np.zeros(0)
+    return [found / found.max()] if len(found) and found.min() > 0 else []
+
+
+def _height(M: Any, D: Array, rate: float, pair: Perron | None = None) -> tuple[Array, Array] | None:
+    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if none is seen.  ``pair``: D is
+    its u / w, and its w will do."""
+    if pair is not None:
+        rise = D * (M @ pair.w) + M.T @ pair.u - 2 * rate * pair.u
+        return (pair.w, rise) if np.all(rise > 0) else None
+    root = np.sqrt(D)  # N = diag(root) (X + X') diag(root), and X is scaled alike in all rows
+    X = sparse.diags_array(root) @ M @ sparse.diags_array(1 / root) - rate * sparse.eye_array(len(D))
+    even = sparse.csc_array(X + X.T)
+    solve = _solver(even, 0.0)
+    z = None if solve is None else solve(np.ones(len(D)), "N")
+    rise = np.zeros(len(D)) if z is None else root * np.asarray(even @ z)
+    return None if z is None or not np.all(rise > 0) else (z / root, rise)
+
+
+def network_claim(problem: Problem, rate: float) -> Weighted | None:
+    """Weights of the network alone (eps = 0) for a rate (1/s), common to all modes; None if none are seen."""
+    tables = {mode: _stiffness(problem, mode) for mode in problem.network.modes}
+    try:
+        sigma = (Fraction(0),) * max(1, len(problem.groups))
+        return None if any(table is None for table in tables.values()) else _scaled(problem, tables, rate, sigma, None)
+    except GIVEN_UP:
+        return None
+
+
+def _scaled(
+    problem: Problem,
+    tables: Mapping[str, Any],
+    rate: float,
+    sigma: Sequence[Fraction],
+    P: Matrix | None,
+    pair: Perron | None = None,
+) -> Weighted | None:
+    """The claim, its weights D small enough for the observer; of one mode perhaps those of its ``pair``."""
+    owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
+    weight = np.array([float(x) for x in sigma])[owners]
+    for D in _weights(tables, rate) if pair is None else [pair.u / pair.w]:
+        heights = {mode: _height(M, D, rate, pair) for mode, M in tables.items()}
+        known = {mode: found for mode, found in heights.items() if found is not None}
+        if len(known) < len(tables):
+            continue
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in known.values())
+        scale = min(1.0, room / 2)
+        return Weighted(D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in known.items()}, P=P)
+    return None
+
+
+def rounded(x: Array) -> Vector | Doubles:
+    """Decimals of eight digits for few agents, doubles for many."""
+    if len(x) > MANY_AGENTS:
+        return Doubles(x)
+    return tuple(Fraction(f"{value:.8g}") for value in x.tolist())
+
+
+def _gains(problem: Problem, W: Matrix) -> Iterator[tuple[Any, Matrix]]:
+    return zip(problem.groups, gains_of(problem.groups, W), strict=True)
+
+
+def _lyapunov(problem: Problem, W: Matrix, rate: float) -> Matrix | None:
+    """P with (A - WC)'P + P(A - WC) + 2 rate P about -I, for each group."""
+    blocks = []
+    for group, gain in _gains(problem, W):
+        A, C = to_float(group.exosystem.A), to_float(group.exosystem.C)
+        error = A - to_float(gain) @ C + rate * np.eye(len(A))
+        P = linalg.solve_continuous_lyapunov(error.T, -np.eye(len(A)))
+        if not np.all(np.isfinite(P)):
+            return None
+        blocks.append(round_matrix((P + P.T) / 2, 9))
+    return block_diagonal(blocks)

@@ -1,0 +1,141 @@
+"""What the model leaves out, bounded: [uncertainty], and what the actuators can give: [actuators]."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import partial
+from types import MappingProxyType
+from typing import Any
+
+from dobc_design._checks import put
+from dobc_design._show.cards import Card, Shown
+from dobc_design.errors import SpecError, kept, raise_all, wrong
+from dobc_design.exact.number import parse_number
+from dobc_design.exact.reading import shown, shown_number
+
+RELATIVE = ("weights", "gains")
+ABSOLUTE = ("disturbance", "drift", "measurement")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Uncertainty(Shown):
+    """How far the plant may be from the model; numbers are exact, 0 where nothing is given.
+
+    ``weights`` and ``gains``: largest relative error of every arc weight and every pinning gain, >= 0 and < 1.
+    ``known_to_agents``: whether the observers use the true couplings; else their model of them is off by that much.
+    ``disturbance``: bound on every component of the part of d_i that the exosystem does not generate; ``drift``: of
+    xi' - A xi; ``measurement``: of the noise of every measured state.  Raises: SpecError that names every wrong key.
+    """
+
+    weights: Fraction = field(default=Fraction(0))
+    gains: Fraction = field(default=Fraction(0))
+    known_to_agents: bool = True
+    disturbance: Fraction = field(default=Fraction(0))
+    drift: Fraction = field(default=Fraction(0))
+    measurement: Fraction = field(default=Fraction(0))
+
+    def __post_init__(self) -> None:
+        errors: list[SpecError] = []
+        for name in (*RELATIVE, *ABSOLUTE):
+            with kept(errors):
+                put(self, **{name: _bound(getattr(self, name), f"uncertainty.{name}", below=name in RELATIVE)})
+        with kept(errors):
+            known: object = self.known_to_agents
+            if not isinstance(known, bool):
+                what = f"must be true or false; got {shown(known)}."
+                raise wrong("uncertainty.known_to_agents", what, "Leave it out where the agents know their couplings.")
+        raise_all(errors)
+
+    def _card(self) -> Card:
+        facts: list[tuple[str, Any]] = [(name, x) for name in (*RELATIVE, *ABSOLUTE) if (x := getattr(self, name))]
+        facts += [] if self.known_to_agents else [("the agents' couplings", "off by as much")]
+        return Card(title="Uncertainty", text="at most", facts=facts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Actuators(Shown):
+    """What actuators can give: ``limit``, a bound on every component of u_i: a number for all agents, or label ->
+    number; and ``amplitude``, a bound on every component of d_i, by default that of the runs from simulation.xi0.
+    Raises: SpecError that names every wrong key."""
+
+    limit: Fraction | Mapping[str, Fraction] | None = None
+    amplitude: Fraction | None = None
+
+    def __post_init__(self) -> None:
+        errors: list[SpecError] = []
+        with kept(errors):
+            if isinstance(self.limit, Mapping):
+                given = self.limit.items()
+                limits = {str(label): _positive(x, f"actuators.limit.{label}") for label, x in given}
+                put(self, limit=MappingProxyType(limits))
+            elif self.limit is not None:
+                put(self, limit=_positive(self.limit, "actuators.limit"))
+        with kept(errors):
+            if self.amplitude is not None:
+                put(self, amplitude=_bound(self.amplitude, "actuators.amplitude"))
+        raise_all(errors)
+
+    def __hash__(self) -> int:
+        return hash(self.amplitude)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # the read-only mapping cannot be pickled
+        limit = dict(self.limit) if isinstance(self.limit, Mapping) else self.limit
+        return partial(Actuators, limit=limit, amplitude=self.amplitude), ()
+
+    def limit_of(self, label: str) -> Fraction | None:
+        """The limit of one agent; None where it has none."""
+        return self.limit.get(label) if isinstance(self.limit, Mapping) else self.limit
+
+    def _card(self) -> Card:
+        facts: list[tuple[str, Any]] = [] if self.amplitude is None else [("|d_i| at most", self.amplitude)]
+        if isinstance(self.limit, Mapping):
+            facts += [(f"|u| of {label} at most", x) for label, x in self.limit.items()]
+        elif self.limit is not None:
+            facts.append(("|u_i| at most", self.limit))
+        return Card(title="Actuators", text="", facts=facts)
+
+
+def read_uncertainty(value: Any) -> Uncertainty | None:
+    """Read the [uncertainty] table.  Raises: SpecError that names every wrong key."""
+    return value if value is None or isinstance(value, Uncertainty) else Uncertainty(**_known(value, Uncertainty))
+
+
+def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
+    """Read the [actuators] table.  Raises: SpecError that names every wrong key and every unknown agent."""
+    if value is None:
+        return None
+    found = value if isinstance(value, Actuators) else Actuators(**_known(value, Actuators))
+    errors = []
+    if isinstance(found.limit, Mapping):
+        for label in set(found.limit) - set(labels):
+            what = f"there is no agent {shown(label)} in network.agents."
+            errors.append(wrong(f"actuators.limit.{label}", what, "Use the label of an agent."))
+    raise_all(sorted(errors, key=str))
+    return found
+
+
+def _known(value: Any, noun: Any) -> dict[str, Any]:
+    key, names = noun.__name__.lower(), noun.__dataclass_fields__
+    if not isinstance(value, Mapping):
+        raise wrong(key, f"must be a table; got {shown(value)}.", "Give a mapping, as a dict.")
+    for name in value:
+        if name not in names:
+            raise wrong(f"{key}.{name}", "is an unknown key.", f"Known keys: {', '.join(names)}.")
+    return {name: each for name, each in value.items() if each is not None}
+
+
+def _bound(value: Any, key: str, *, below: bool = False) -> Fraction:
+    number = parse_number(value, key=key)
+    if number < 0 or (below and number >= 1):
+        what = "a relative error, >= 0 and < 1" if below else ">= 0, because it is a bound"
+        raise wrong(key, f"must be {what}; got {shown_number(number)}.", "For example 0.05.")
+    return number
+
+
+def _positive(value: Any, key: str) -> Fraction:
+    number = parse_number(value, key=key)
+    if number <= 0:
+        raise wrong(key, f"must be > 0; got {shown_number(number)}.", "For example 10; leave it out for no limit.")
+    return number

@@ -1,0 +1,210 @@
+"""Final bounds: known answers, the exact L-infinity gain of linear loops, twins that just fail, both programs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import groups_cases as groups
+import numpy as np
+import pytest
+from disturbed import exact_gain, final_errors, linear_problem
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify as certified
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker.examine import examine
+from dobc_design.conditions.accuracy.claim import Accuracy
+from dobc_design.conditions.accuracy.decide import confirm
+from dobc_design.conditions.check import Check, Values
+from dobc_design.exact.matrix import matrix, multiply
+from dobc_design.exact.peaks import peak_gains
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+certify = cache(certified)
+PAPER = load_problem("paper-fixed")
+OMEGA = {"disturbance": "1/10"}
+LINEAR = PAPER.replace(coupling="2*y", uncertainty=OMEGA)
+CURVED = PAPER.replace(uncertainty=OMEGA)
+SOFT = PAPER.replace(region=None, uncertainty=OMEGA | {"drift": "1/100", "measurement": "1/1000"})
+#: M^-1 1 of the linearised paper-fixed (theory, section 12).
+INVERSE = [1, 3, 2.5, 2, 1.5] * 2
+
+
+def row(problem: Problem) -> Check:
+    return next(check for check in certify(problem).checks if check.id == "accuracy")
+
+
+def bounds(problem: Problem) -> list[float]:
+    check = row(problem)
+    assert check.verdict is Verdict.PROVED, check.reason
+    assert isinstance(check.claim, Accuracy)
+    return [float(check.claim.bounds[label]) for label in problem.network.labels]
+
+
+def both(problem: Problem, change: Any) -> tuple[bool, bool]:
+    """Whether the package and the second program accept the certificate once ``change`` is done to its exact values."""
+    certificate = certify(problem)
+    data = json.loads(certificate_bytes(certificate.claims))
+    exact = next(check for check in data["checks"] if check["id"] == "accuracy")["exact"]
+    change(exact)
+    changed = json.dumps(data).encode()
+    lone = examine(changed, canonical_bytes(problem))
+    return recheck(changed, problem).holds, all(holds for holds, _ in lone)
+
+
+def test_the_peak_gains_of_the_paper():
+    """Theory, section 12: 1.33276; the bounds come down to it from above with shorter steps."""
+    F, C, W = matrix([["-16/5", 2], ["-22/5", 0]]), matrix([[1, 0]]), matrix([["16/5"], ["12/5"]])
+    coarse, fine = (peak_gains(F, C, [W], step=Fraction(1, n), steps=12 * n) for n in (50, 1000))
+    assert coarse is not None
+    assert fine is not None
+    assert float(fine[1]) == pytest.approx(1.33276, abs=1e-5)
+    assert all(a >= b for a, b in zip(coarse, fine, strict=True))
+
+
+def test_an_observer_that_does_not_decay_has_no_peak_gain():
+    F, C = matrix([[0, 1], [-1, 0]]), matrix([[1, 0]])
+    assert peak_gains(F, C, [], step=Fraction(1, 100), steps=2000) is None
+
+
+@pytest.mark.parametrize("rate", [1, 3])
+def test_peak_gain_of_a_first_order_lag_is_its_static_gain(rate: int):
+    found = peak_gains(matrix([[-rate]]), matrix([[2]]), [matrix([[5]])], step=Fraction(1, 300), steps=4000)
+    assert found is not None
+    assert 10 / rate <= found[1] <= 10.001 / rate
+
+
+def test_linear_paper_network_ends_within_the_known_bounds():
+    """omega = 0.1: b = 0.1 (1 + 1.33276), bounds b M^-1 1."""
+    exact = 0.1 * (1 + 1.33276) * np.array(INVERSE)
+    found = np.array(bounds(LINEAR))
+    assert np.all(found >= exact)
+    assert np.all(found <= exact * 1.0001)
+    assert "|e_i| <= 0.2333 (agents 1, 6)" in row(LINEAR).reason
+    assert "0.6999 (agents 2, 7)" in row(LINEAR).reason
+
+
+def test_two_modes_take_the_worse_arcs_agent_by_agent():
+    """One agent pinned with 1, the other hears it with weight 1 or 2: the bound is that of weight 1."""
+    problem = linear_problem(2, {"a": [(1, 0, "1")], "b": [(1, 0, "2")]}, {"1": "1"}).replace(uncertainty=OMEGA)
+    assert bounds(problem) == pytest.approx([0.1, 0.2], rel=1e-4)
+
+
+def test_noise_of_every_state_moves_couplings_and_pins():
+    """No observer: b_1 = nubar k, b_2 = 2 nubar w."""
+    problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(uncertainty={"measurement": "1/100"})
+    assert bounds(problem) == pytest.approx([0.01, 0.03], rel=1e-4)
+
+
+def test_drift_alone_needs_an_exosystem():
+    problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(uncertainty={"drift": "1/100"})
+    assert not [check for check in certify(problem).checks if check.id == "accuracy"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("problem", [CURVED, SOFT], ids=["region", "no region"])
+def test_curved_couplings_are_confirmed_by_both_programs(problem: Problem):
+    assert both(problem, lambda exact: None) == (True, True)
+    found = bounds(problem)
+    assert min(found) > 0.2333
+    assert max(final_errors(problem, seed=1) / np.array(found)) <= 1
+
+
+@pytest.mark.slow
+def test_without_a_region_the_box_of_starts_is_chosen():
+    domain = row(SOFT).domain
+    assert not isinstance(domain, str)
+    assert domain["radius"] > 0 < domain["disturbance"]
+
+
+@pytest.mark.parametrize("name", ["three", "region"])
+def test_agents_with_different_exosystems_count_with_the_worst_peak_gain(name: str):
+    problem = groups.problems()[name].replace(uncertainty=OMEGA | {"measurement": "1/1000"})
+    assert both(problem, lambda exact: None) == (True, True)
+    assert both(problem, scaled(["peaks", "disturbance"], "0.9999")) == (False, False)
+
+
+def test_inputs_too_large_for_the_gains_are_undecided():
+    """tanh saturates at 1, the pin is gone: a disturbance of 3 drives agent 2 away for good."""
+    problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(coupling="tanh(y)")
+    assert row(problem.replace(uncertainty={"disturbance": "3"})).verdict is Verdict.UNDECIDED
+    assert row(problem.replace(uncertainty={"disturbance": "1/10"})).verdict is Verdict.PROVED
+
+
+def scaled(path: list[Any], factor: str) -> Any:
+    """A change: one number of the exact values times a factor."""
+
+    def change(exact: Any) -> None:
+        for key in path[:-1]:
+            exact = exact[key]
+        exact[path[-1]] = str(Fraction(exact[path[-1]]) * Fraction(factor))
+
+    return change
+
+
+MUTANTS = {
+    "level": (["stages", -1, "level"], "0.9999"),
+    "v": (["stages", -1, "v", 1], "0.9999"),
+    "alpha": (["stages", -1, "alpha"], "1e6"),
+    "bound": (["bounds", "2"], "0.9999"),
+    "disturbance": (["peaks", "disturbance"], "0.9999"),
+    "drift": (["peaks", "drift"], "0.9999"),
+    "measurement": (["peaks", "measurement"], "0.9999"),
+    "step": (["peaks", "step"], "2"),
+    "rho": (["stages", 0, "rho"], "1.5"),
+    "inner rho": (["stages", -1, "rho"], "0.9"),
+    "kappa": (["kappa"], "1/9"),
+    "beta": (["beta"], "9"),
+}
+
+
+@pytest.mark.parametrize("name", list(MUTANTS)[:8])
+def test_a_linear_claim_that_says_a_little_more_is_refused_by_both(name: str):
+    assert both(LINEAR, scaled(*MUTANTS[name])) == (False, False)
+
+
+def test_the_unchanged_linear_claim_is_accepted_by_both():
+    assert both(LINEAR, lambda exact: None) == (True, True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(MUTANTS))
+def test_a_curved_claim_that_says_more_is_refused_by_both(name: str):
+    assert both(CURVED, scaled(*MUTANTS[name])) == (False, False)
+
+
+def test_one_label_less_or_more_is_refused():
+    assert both(LINEAR, lambda exact: exact["bounds"].pop("2")) == (False, False)
+    assert both(LINEAR, lambda exact: exact["bounds"].update(x="1")) == (False, False)
+
+
+def test_larger_inputs_are_not_covered():
+    """The twin of the problem: with 0.1001 in place of 0.1 the same claim fails in both programs."""
+    claim = row(LINEAR).claim
+    check = Check(id="accuracy", verdict=Verdict.PROVED, domain="global", reason="", claim=claim)
+    assert claim is not None
+    W = certify(LINEAR).claims.W
+    assert confirm(check, LINEAR, W, domain="global") is None
+    louder = LINEAR.replace(uncertainty={"disturbance": "0.1001"})
+    assert "row of agent" in str(confirm(check, louder, W, domain="global"))
+    read = replace(check, claim=Values(claim.to_json()))
+    assert confirm(read, LINEAR, W, domain="global") is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_bound_is_never_below_the_exact_gain(seed: int):
+    problem, gain = exact_gain(seed)
+    assert np.all(np.array(bounds(problem)) >= gain)
+
+
+def test_matrix_products_of_the_paper():
+    """F W of the measurement gain, by hand."""
+    F, W = matrix([["-16/5", 2], ["-22/5", 0]]), matrix([["16/5"], ["12/5"]])
+    assert multiply(F, W) == matrix([["-136/25"], ["-352/25"]])

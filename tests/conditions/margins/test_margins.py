@@ -1,0 +1,289 @@
+"""Tolerances and inputs: both programs, numbers known in closed form, twins that just fail, corners simulated."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+from checker_mutants import removals
+from checker_removals import noticed_by, outcome
+from margins_cases import margins_cases
+from scipy.integrate import solve_ivp
+from separable_problems import PAPER, TURNING, cycle, float_gains, listening, random_problem
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker.examine import examine
+from dobc_design.checker.reading import Refused
+from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
+from dobc_design.conditions.margins.stage import margins_stage
+from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.conditions.separable.claim import Errors, Separable, rows
+from dobc_design.conditions.separable.decide import largest_rate, verify_separable
+from dobc_design.conditions.separable.stage import separable_stage
+from dobc_design.exact.number import number_text
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystems import Exosystem, constant, harmonics, ramp, total
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+F = Fraction
+FIXED = load_problem("paper-fixed")
+SMALL = {"initial_states": ["0.9", "1.1"], "initial_disturbance": "0.05"}
+
+
+certified = cache(certify)
+
+
+def found(problem: Problem, id: str) -> Check:
+    """The check, which both programs have confirmed: certify withdraws what the second one refuses."""
+    check = next(check for check in certified(problem).checks if check.id == id)
+    assert "second program" not in check.reason
+    return check
+
+
+def region_checks(problem: Problem) -> dict[str, Check]:
+    """What `certify --all` says about the region without its slower stages."""
+    asked = read_region(problem, observer_gain(problem), domain="consensus", everything=True)
+    checks = separable_stage(asked, lambda stage: None)
+    return {check.id: check for check in [*checks, *margins_stage(asked, checks, lambda stage: None)]}
+
+
+def chain(h: str = "y", **more: object) -> Problem:
+    """2 hears 1, which is pinned with k = 2; 1 hears 2 as well."""
+    return listening([[2, 1], [1, 2]], h, n=2, gains={1: 2}, target=0, **more)
+
+
+def accepted(problem: Problem, checks: tuple[Check, ...], certificate: object) -> tuple[bool, bool]:
+    """Whether the package and the second program accept these checks in place of those of the certificate."""
+    claims = replace(certificate.claims, checks=checks)
+    second = examine(certificate_bytes(claims), canonical_bytes(problem))
+    return recheck(claims, problem).holds, all(holds for holds, _ in second)
+
+
+def changed(problem: Problem, id: str, base: object = None, **exact: object) -> tuple[bool, bool]:
+    """Whether both accept other exact values of the check, ``base`` those of max-separable."""
+    certificate = certified(problem)
+    changes = {id: exact, "max-separable": base or {}}
+    checks = tuple(
+        replace(check, claim=Values({**json.loads(json.dumps(check.exact)), **changes[check.id]}))
+        if changes.get(check.id)
+        else check
+        for check in certificate.checks
+    )
+    return accepted(problem, checks, certificate)
+
+
+def test_every_arc_takes_its_worse_end():
+    """h = y, v = (1, 2), w = 1, k = 2: rows (1 + d) - 2 (1 - g) and -(1 - d) 1 <= -alpha v."""
+    problem, claim = chain(), Separable(v=(F(1), F(2)), alpha=F(1, 10), rho=None)
+    errors = Errors(F(1, 5), F(1, 10))
+    terms = {row.own: (row.terms, row.gain) for row, _ in rows(problem, claim.v, errors=errors)}
+    assert terms[1][1] == F(9, 5)
+    assert [(term.weight, term.step) for term in terms[1][0]] == [(F(6, 5), 1)]
+    assert [(term.weight, term.step) for term in terms[2][0]] == [(F(4, 5), -1), (F(2, 5), 0)]
+    assert largest_rate(problem, claim.v, rho=None, errors=errors) == F(2, 5)  # min(9/5 - 6/5, 4/5 / 2)
+    for alpha, verdict in ((F("0.4"), Verdict.PROVED), (F("0.4001"), Verdict.REFUTED)):
+        assert verify_separable(problem, replace(claim, alpha=alpha), errors=errors).verdict is verdict
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_rows_with_errors_are_those_of_the_worst_corner(seed: int):
+    """Also of couplings that turn, and in the float tables: all corners of one row are tried, weights set by hand."""
+    h = (*TURNING, PAPER, "tanh(y)")[seed % 5]
+    problem = listening([[2, 1], [2, 3, "1/2"], [3, 1], [1, 3]], h, n=3, gains={1: 4, 2: 1}, target=0)
+    v, rho, errors = (F(1), F(6, 5), F(5, 4)), F(1 + seed % 3, 2), Errors(F(1, 5), F(1, 10))
+    rate = largest_rate(problem, v, rho=rho, errors=errors)
+    corners = []
+    for ends in product((F(4, 5), F(6, 5)), repeat=4):
+        arcs = [
+            [i, j, w * end]
+            for (i, j, w), end in zip([(2, 1, 1), (2, 3, F(1, 2)), (3, 1, 1), (1, 3, 1)], ends, strict=True)
+        ]
+        corner = listening(arcs, h, n=3, gains={1: F(18, 5), 2: F(9, 10)}, target=0)
+        corners.append(largest_rate(corner, v, rho=rho))
+    if None in corners:
+        assert rate is None
+    else:
+        assert float(rate) == pytest.approx(float(min(corners)), rel=1e-3)
+
+
+@pytest.mark.parametrize("size", [10, 1200])
+def test_large_networks_have_the_same_rows(size: int):
+    """Above a thousand arcs floats go first: the cycle with v = 1, and its twin."""
+    problem = cycle(size, gains=5)
+    v = tuple(F(10 + i % 2, 10) for i in range(size))
+    errors = Errors(F(1, 10), F(1, 20))
+    rate = largest_rate(problem, v, rho=F(1), errors=errors)
+    expected = 5 * 0.95 - 1.1 * (np.exp(0.1) - 1 + 0.1)
+    assert float(rate) == pytest.approx(expected, rel=1e-4)
+    for part, proved in ((F(999, 1000), True), (F(1001, 1000), False)):
+        claim = Separable(v=v, alpha=F(expected) * part, rho=F(1))
+        assert (verify_separable(problem, claim, errors=errors).verdict is Verdict.PROVED) is proved
+
+
+def test_a_table_is_proved_and_a_larger_one_is_not():
+    near = FIXED.replace(uncertainty={"weights": "0.02", "gains": "0.02"})
+    check = found(near, "tolerance")
+    assert check.verdict is Verdict.PROVED
+    assert check.domain == {"kind": "box", "radius": 4.0, "disturbance": 0.5}
+    far = found(FIXED.replace(uncertainty={"weights": "0.06", "gains": "0.06"}), "tolerance")
+    assert far.verdict is Verdict.UNDECIDED
+    assert "times these errors it is proved" in far.reason
+
+
+def test_without_a_table_the_largest_common_error_is_found():
+    (check,) = (check for check in certified(FIXED).checks if check.id == "tolerance")
+    assert 0.02 < float(F(check.exact["weights"])) < 0.06
+    assert check.exact["weights"] == check.exact["gains"]
+    assert check.rate > 0
+
+
+@pytest.mark.parametrize(("error", "proved"), [("0.333", True), ("0.334", False)])
+def test_at_the_target_entries_of_a_gain_err_each_on_its_own(error: str, proved: bool):
+    """k = [[1, 1/2], [1/2, 1]]: 1 - d > (1 + d)/2 iff d < 1/3."""
+    k = [[1, "1/2"], ["1/2", 1]]
+    problem = listening([], "y", n=1, gains={1: k}, target=[0, 0], uncertainty={"gains": error})
+    assert (found(problem, "tolerance").verdict is Verdict.PROVED) is proved
+
+
+def test_at_the_target_of_several_modes_one_v_serves_all_corners():
+    """Rising couplings: the order of the agents alone decides, so every error below 1 is tolerated."""
+    problem = load_problem("paper-switching").replace(region=None, uncertainty={"weights": "0.8", "gains": "0.5"})
+    check = found(problem, "tolerance")
+    assert check.verdict is Verdict.PROVED
+    assert check.domain == "consensus"
+    assert check.rate is None
+    certificate = certified(problem)
+    v = [number_text(F(x) * (1 if k else 3)) for k, x in enumerate(check.exact["v"])]
+    assert changed(problem, "tolerance", v=v) == (False, False)
+    assert changed(problem, "tolerance", alpha="1") == (False, False)
+    rated = tuple(replace(each, rate=0.001) if each.id == "tolerance" else each for each in certificate.checks)
+    assert accepted(problem, rated, certificate) == (False, False)
+
+
+@pytest.mark.parametrize("id", ["tolerance", "actuators"])
+def test_claims_that_say_more_are_refused_by_both(id: str):
+    problem = FIXED.replace(uncertainty={"weights": "0.02", "gains": "0.01"}, actuators={"limit": 30})
+    certificate = certified(problem)
+    exact = next(check.exact for check in certificate.checks if check.id == id)
+    base = next(check.exact for check in certificate.checks if check.id == "max-separable")
+    assert accepted(problem, certificate.claims.checks, certificate) == (True, True)
+    mutants: list[tuple[dict, dict]] = [({"rho": number_text(2 * F(base["rho"]))}, {}), ({"v": ["1"] * 10}, {})]
+    if id == "tolerance":
+        mutants += [
+            ({}, {"weights": "0.06"}),
+            ({}, {"gains": "0.2"}),
+            ({}, {"weights": "0.01"}),
+            ({}, {"gains": "0.005"}),
+        ]
+        mutants += [({}, {"alpha": "1"}), ({}, {"alpha": "0"}), ({}, {"eta": "1"}), ({}, {"v": base["v"]})]
+    else:
+        large = {**exact["inputs"], "1": "31"}
+        low = {**exact["inputs"], "3": number_text(F(exact["inputs"]["3"]) * F(99, 100))}
+        mutants += [({}, {"inputs": low}), ({}, {"inputs": large}), ({}, {"rho": number_text(2 * F(base["rho"]))})]
+        mutants += [({}, {"rho": number_text(F(base["rho"]) * F(9, 10))}), ({}, {"inputs": {"1": "30"}})]
+    for of_base, own in mutants:
+        assert changed(problem, id, of_base, **own) == (False, False), (of_base, own)
+
+
+def test_agents_that_do_not_know_tolerate_less():
+    known = FIXED.replace(region=SMALL, uncertainty={"weights": "0.04"})
+    unknown = FIXED.replace(region=SMALL, uncertainty={"weights": "0.04", "known_to_agents": False})
+    assert found(known, "tolerance").verdict is Verdict.PROVED
+    assert found(unknown, "tolerance").verdict is Verdict.UNDECIDED
+    less = FIXED.replace(region=SMALL, uncertainty={"weights": "0.001", "known_to_agents": False})
+    check = found(less, "tolerance")
+    assert check.verdict is Verdict.PROVED
+    eta = F(check.exact["eta"])
+    assert changed(less, "tolerance", eta=number_text(eta * F(9, 10))) == (False, False)
+    assert changed(less, "tolerance", eta=number_text(eta * 100)) == (False, False)  # kappa eta > alpha
+
+
+def test_kinks_at_the_target_are_not_decided_by_slopes():
+    problem = listening([[2, 1]], "y + abs(y)/2", n=2, gains={1: 2}, target=0, uncertainty={"weights": "0.1"})
+    assert found(problem, "tolerance").reason.startswith("does not apply")
+
+
+@pytest.mark.parametrize(
+    ("exosystem", "start", "bound"),
+    [
+        (harmonics([2]), (3, 4), 5),
+        (total(constant(), harmonics([2, 3])), (-1, 3, 4, 0, 1), 7),
+        (Exosystem(A=[[0, 1], [-4, 0]], C=[[1, 0]]), (3, 8), 5),
+        (ramp(), (2, 0), 2),
+        (ramp(), (2, 1), None),
+        (Exosystem(A=[[-1]], C=[[1]]), (2,), None),
+        (Exosystem(A=[[1]], C=[[1]]), (2,), None),
+    ],
+)
+def test_amplitudes_of_sums_of_sines(exosystem: Exosystem, start: tuple[int, ...], bound: int | None):
+    """sqrt(a^2 + b^2) of every frequency, and constants; what grows or decays has no bound here."""
+    assert _amplitude(exosystem, tuple(map(F, start))) == bound
+
+
+def test_the_largest_input_has_a_closed_form():
+    """One agent, k = 3, no coupling, |x| <= 2: |u| = 6 at the start; limits at and below that."""
+    problem = listening([], "y", n=1, gains={1: 3}, target=0, region={"initial_states": [-2, 2]})
+    check = found(problem.replace(actuators={"limit": "6.00001"}), "actuators")
+    assert check.verdict is Verdict.PROVED
+    assert float(F(check.exact["inputs"]["1"])) == pytest.approx(6, rel=1e-5)
+    small = found(problem.replace(actuators={"limit": 3}), "actuators")
+    assert small.verdict is Verdict.UNDECIDED
+    assert "|e_i| <= 1 and" in small.reason
+    assert "gain of at most 1.5" in small.reason
+    assert changed(problem.replace(actuators={"limit": 5}), "actuators") == (True, True)  # undecided claims nothing
+
+
+def test_disturbances_without_a_bound_ask_for_the_amplitude():
+    problem = FIXED.replace(exosystem=ramp(), observer=None, simulation={"xi0": [1, 1]}, actuators={})
+    check = found(problem, "actuators")
+    assert "give actuators.amplitude" in check.reason
+    assert largest_disturbance(problem.replace(actuators={"amplitude": 2})) == (2,) * 10
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_corners_of_weights_stay_inside(seed: int):
+    """Random corners of weights and gains from corners of the box, simulated by SciPy: N never exceeds its start."""
+    problem = random_problem(seed, couplings=(PAPER, "tanh(y)", "sin(y)"), modes=1, n=4, held=True)
+    problem = problem.replace(region={"initial_states": ["-0.5", "0.5"]})
+    checks = region_checks(problem)
+    check, base = checks["tolerance"], checks["max-separable"].claim
+    rng, spread = np.random.default_rng(seed), float(F(check.exact["weights"]))
+    v, gains = np.array([float(x) for x in base.v]), float_gains(problem)
+    arcs = [
+        (i, j, float(w), problem.coupling_of(i, j).numpy_function())
+        for i, j, w in next(iter(problem.network.modes.values()))
+    ]
+    for _ in range(10):
+        ends = 1 + spread * rng.choice((-1, 1), size=len(arcs))
+        k = gains * (1 + spread * rng.choice((-1, 1), size=len(gains)))
+
+        def field(t: float, e: np.ndarray, ends: np.ndarray = ends, k: np.ndarray = k) -> np.ndarray:
+            slope = -k * e
+            for (i, j, w, h), end in zip(arcs, ends, strict=True):
+                slope[i] += w * end * h([e[j] - e[i]])[0]
+            return slope
+
+        start = float(base.rho) * v * rng.choice((-1, 1), size=len(v))
+        run = solve_ivp(field, (0, 5), start, rtol=1e-9, atol=1e-12)
+        assert np.max(np.abs(run.y).T / v) <= float(base.rho) * (1 + 1e-9)
+
+
+def test_the_second_program_accepts_the_good_cases_and_refuses_the_bent_ones():
+    for case in margins_cases():
+        assert outcome(examine, Refused, case) == case.code, case.name
+
+
+@pytest.mark.parametrize("removal", removals("margins"), ids=str)
+def test_every_condition_of_the_second_program_is_missed_when_it_is_removed(removal: object):
+    assert noticed_by(removal) is not None

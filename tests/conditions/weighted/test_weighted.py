@@ -1,0 +1,250 @@
+"""Weighted Theorems 1 and 2: known rates, proofs and their twins that just fail, both programs, both sizes."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from fractions import Fraction
+from random import Random
+
+import numpy as np
+import pytest
+from scipy import linalg
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify, verify
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker.examine import examine
+from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.weighted import decide
+from dobc_design.conditions.weighted.claim import Weighted
+from dobc_design.conditions.weighted.decide import holds, rows_hold
+from dobc_design.conditions.weighted.propose import proposals
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystems import harmonics
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Simulation
+from dobc_design.verdict import Verdict
+
+PAPER = load_problem("paper-switching")
+#: mu of theory, section 10: gains {label: k}, then by mode.
+KNOWN = [
+    ({"1": 3}, {"Ga": 0.185974, "Gb": 0.124698, "Gc": 0.193989, "Gd": 0.215505}),
+    ({"1": 5, "6": 5}, {"Ga": 0.509870, "Gb": 0.462083, "Gc": 0.573223, "Gd": 0.573223}),
+]
+
+
+def row(problem: Problem) -> Check | None:
+    return next((check for check in certify(problem).checks if check.id.endswith("weighted")), None)
+
+
+def without_observer(problem: Problem, **changes: object) -> Problem:
+    nothing = {
+        "exosystem": None,
+        "observer": None,
+        "region": None,
+        "simulation": Simulation(t_final=1, seed=0, xi0=None),
+    }
+    return problem.replace(**nothing | changes)
+
+
+def digraph(seed: int, *, n: int | None = None, h: str = "exp(y) - 1 + y", **more: object) -> Problem:
+    """Weighted arcs at random, reducible or strongly connected, a few pins, some agents perhaps not reached."""
+    r = Random(f"weighted {seed}")
+    n = n or r.randint(2, 25)
+    arcs = {(i, r.randrange(n)): r.randint(1, 40) for i in range(n) for _ in range(r.randint(0, 3))}
+    if seed % 2:
+        arcs |= {(i, (i + 1) % n): r.randint(1, 40) for i in range(n)}
+    listed = [[i + 1, j + 1, Fraction(w, 8)] for (i, j), w in sorted(arcs.items()) if i != j]
+    gains = {r.randint(1, n): Fraction(r.randint(1, 40), 4) for _ in range(r.randint(1, max(1, n // 4)))}
+    return Problem(network=Network.from_arcs(listed, arrow="listens_to", agents=n), coupling=h, gains=gains, **more)
+
+
+def stiffness(problem: Problem, slope: float) -> np.ndarray:
+    """M = slope L + K, built from the arcs by hand."""
+    M = np.zeros((problem.n, problem.n))
+    (arcs,) = problem.network.modes.values()
+    for i, j, w in arcs:
+        M[i, i] += slope * float(w)
+        M[i, j] -= slope * float(w)
+    for i, k in problem.pinning.gains.items():
+        M[i, i] += float(k[0][0])
+    return M
+
+
+@pytest.mark.parametrize(("gains", "rates"), KNOWN)
+def test_the_rates_of_the_theory(gains, rates):
+    for mode, mu in rates.items():
+        arcs = [[i + 1, j + 1, w] for i, j, w in PAPER.network.modes[mode]]
+        network = Network.from_arcs(arcs, arrow="listens_to", agents=10)
+        check = row(without_observer(PAPER, network=network, gains=gains, switching=None))
+        assert 0.9998 * mu < check.rate < 1.00001 * mu
+
+
+def test_paper_fixed_gains_half_of_its_rate():
+    assert row(load_problem("paper-fixed")).rate >= 0.5098
+
+
+def fan(second, third):
+    """Agent ``second`` hears 1 faintly, and ``third`` hears it loudly."""
+    return [[second, 1, "1/10"], [third, second, 9]]
+
+
+@pytest.mark.parametrize(
+    ("m0", "m1", "gain", "verdict", "said"),
+    [
+        (
+            [[1, 2, 6], [2, 3, "1/5"], [3, 1, 28]],
+            [[1, 3, 2], [2, 1, "1/3"], [3, 1, 3]],
+            "1/10",
+            Verdict.PROVED,
+            "with |e_i| <= 0.001 (max-separable)",
+        ),
+        # D = diag(., 1, d) would need 4 * 0.1 > 9 d and 4 * 0.1 d > 9; a common v: v_3 > v_2 > v_3
+        (fan(2, 3), fan(3, 2), 1, Verdict.UNDECIDED, "serve the modes m0 and m1 together"),
+    ],
+)
+def test_modes_without_common_weights_are_proved_by_a_common_v_or_named(m0, m1, gain, verdict, said):
+    network = Network.from_arcs({"m0": m0, "m1": m1}, arrow="listens_to", agents=3)
+    problem = Problem(network=network, coupling="tanh(y)", gains={1: gain})
+    certificate = certify(problem)
+    assert certificate.check("theorem2-weighted").verdict is Verdict.UNDECIDED
+    assert (certificate.verdict, said in certificate.reason) == (verdict, True)
+    assert verify(certificate, problem).holds
+
+
+def test_a_chain_of_ten_has_the_rate_of_one_agent():
+    """Chain, gain 2, head pinned k = 3: mu = 2, although V = e'e shows 0.0888."""
+    arcs = [[i + 1, i] for i in range(1, 10)]
+    chain = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=10), coupling="2*y", gains={1: 3})
+    assert 1.98 <= row(chain).rate < 2
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_random_digraphs_are_proved_iff_reached_and_at_the_true_rate(seed):
+    problem = digraph(seed)
+    mu = float(np.linalg.eigvals(stiffness(problem, 2.0)).real.min())
+    certificate = certify(problem)
+    assert certificate.verdict is (Verdict.PROVED if mu > 1e-9 else Verdict.REFUTED)
+    if mu > 1e-9:
+        assert 0.99 * mu < row(problem).rate < mu * (1 + 1e-9)
+        assert recheck(certificate.claims, problem).holds
+
+
+def proposal(problem, W=None):
+    statements = state_theorems(problem)
+    claim, rate = next(iter(proposals(statements, W)))
+    return statements, claim, Fraction(repr(rate))
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5])
+def test_a_claim_fails_above_the_true_rate_and_with_a_wrong_number(seed):
+    problem = digraph(seed)
+    statements, claim, rate = proposal(problem)
+    mu = Fraction(float(np.linalg.eigvals(stiffness(problem, 2.0)).real.min()))
+    assert holds(claim, statements, None, rate=rate)
+    assert not holds(claim, statements, None, rate=mu * (1 + Fraction(1, 10**6)))
+    (mode,) = claim.w
+    w = list(claim.w[mode])
+    w[0] *= 100
+    assert not holds(replace(claim, w={mode: tuple(w)}), statements, None, rate=rate)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_accepted_is_definite_for_an_eigenvalue_solver(seed):
+    """D around the proposed ones, and other rates; w from a linear solve."""
+    r, problem = Random(seed), digraph(2 * seed + 1, n=6)
+    M, tally = stiffness(problem, 2.0), []
+    statements, start, best = proposal(problem)
+    (mode,) = problem.network.modes
+    for _ in range(40):
+        D = [x * Fraction(r.randint(97, 103), 100) for x in start.D]
+        rate = best * Fraction(r.randint(5, 100), 100)
+        N = np.diag(np.array(D, float)) @ (M - float(rate) * np.eye(6))
+        w = np.linalg.lstsq(N + N.T, np.ones(6), rcond=None)[0]
+        least = float(np.linalg.eigvalsh(N + N.T).min())
+        if min(w) > 0 and abs(least) > 1e-9:
+            claim = Weighted(D=tuple(D), w={mode: tuple(Fraction(float(x)) for x in w)})
+            tally.append(holds(claim, statements, None, rate=rate))
+            assert tally[-1] is (least > 0)
+    assert any(tally)
+
+
+def test_the_block_condition_of_the_observer_holds():
+    """[[-(DM + M'D) + 2 beta D, D (x) C], [., I (x) (Omega0 + 2 beta P)]] < 0 by an eigenvalue solver."""
+    problem = load_problem("paper-fixed")
+    certificate = certify(problem)
+    check = row(problem)
+    D, P = np.diag(np.array(check.claim.D, float)), np.array(check.claim.P, float)
+    A, C, W = (np.array(x, float) for x in (problem.exosystem.A, problem.exosystem.C, certificate.claims.W))
+    M, beta, F = stiffness(problem, 2.0), check.rate, A - W @ C
+    corner = -(D @ M + M.T @ D) + 2 * beta * D
+    omega = P @ F + F.T @ P + 2 * beta * P
+    unit = linalg.block_diag(np.diag(np.diag(D) ** -0.5), np.kron(np.eye(10), np.linalg.inv(linalg.cholesky(P).T).T))
+    block = np.block([[corner, np.kron(D, C)], [np.kron(D, C).T, np.kron(np.eye(10), omega)]])
+    assert np.linalg.eigvalsh(unit.T @ block @ unit).max() < 0
+
+
+@pytest.mark.parametrize("what", ["rate", "D", "w", "P", "mode"])
+def test_a_changed_claim_is_refused_by_both_programs(what):
+    problem = load_problem("paper-fixed")
+    claims = certify(problem).claims
+    checks = []
+    for check in claims.checks:
+        if check.id == "theorem1-weighted":
+            exact = json.loads(json.dumps(check.exact))
+            rate = 0.51 if what == "rate" else check.rate
+            if what == "D":
+                exact["D"][2] = str(2 * Fraction(exact["D"][2]))
+            elif what == "w":
+                exact["w"]["Ga"][2] = str(2 * Fraction(exact["w"]["Ga"][2]))
+            elif what == "P":
+                exact["P"][0][0] = "-" + exact["P"][0][0]
+            elif what == "mode":
+                exact["w"] = {"Gb": exact["w"]["Ga"]}
+            checks.append(replace(check, rate=rate, claim=Values(exact)))
+        else:
+            checks.append(check)
+    changed = replace(claims, checks=tuple(checks))
+    assert any("theorem1-weighted" in failure for failure in recheck(changed, problem).failures)
+    found = examine(certificate_bytes(changed), canonical_bytes(problem))
+    assert next(text for ok, text in found if not ok).startswith("theorem1-weighted")
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4, 7])
+def test_rounded_rows_of_large_networks_agree_with_exact_ones(seed, monkeypatch):
+    problem = digraph(seed, n=40, h="sin(y)")
+    statements, claim, rate = proposal(problem) if seed % 2 else proposal(problem.replace(gains=1))
+    (mode,) = statements.jacobians.modes
+    D, w = (Doubles(np.array([float(x) for x in v])) for v in (claim.D, claim.w[mode.name]))
+    common = {"rate": rate, "sigma": (Fraction(0),)}
+    assert rows_hold(mode, statements.problem, D, w, **common)
+    monkeypatch.setattr(decide, "MANY_AGENTS", 0)
+    assert rows_hold(mode, statements.problem, D, w, **common)
+    assert not rows_hold(mode, statements.problem, D, w, rate=rate * 2, sigma=(Fraction(0),))
+    tiny = Doubles(D.array * 1e-150)
+    assert not rows_hold(mode, statements.problem, tiny, w, **common)  # products below the smallest float
+
+
+def test_groups_have_a_block_of_p_each_and_a_full_p_is_refused():
+    problem = load_problem("uav-swarm")
+    check = row(problem)
+    assert check.verdict is Verdict.PROVED
+    assert check.rate > 0
+
+
+@pytest.mark.parametrize("h", ["-y", "y**3 - y"])
+def test_couplings_that_repel_have_no_such_check(h):
+    problem = digraph(1, n=4, h=h)
+    assert row(problem) is None
+
+
+def test_a_problem_with_an_observer_that_is_slower_takes_its_rate():
+    problem = digraph(3, n=5, exosystem=harmonics(2))
+    check = row(problem)
+    hurwitz = next(each for each in certify(problem).checks if each.id == "hurwitz")
+    assert check.rate < hurwitz.rate

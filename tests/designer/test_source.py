@@ -1,0 +1,32 @@
+"""A problem as Python: the script builds an equal problem, without the packages of notebooks."""
+
+from __future__ import annotations
+
+import pytest
+
+from dobc_design.designer.source import python_source
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.problem import Problem
+
+TABLES = {
+    "uncertainty": {"disturbance": "1/10", "weights": "1/3", "known_to_agents": False},
+    "actuators": {"limit": {"1": 20, "3": "1/3"}, "amplitude": "1/2"},
+}
+
+
+def written(problem: Problem) -> object:
+    names: dict[str, object] = {}
+    exec(python_source(problem), names)  # noqa: S102 - what the package itself has written
+    return names["problem"]
+
+
+@pytest.mark.parametrize("name", ["paper-fixed", "paper-switching", "uav-swarm"])
+def test_the_script_builds_the_same_problem(name: str):
+    problem = load_problem(name)
+    assert written(problem) == problem
+
+
+def test_the_tables_about_the_plant_are_written_too():
+    problem = load_problem("paper-fixed").replace(**TABLES)
+    assert written(problem) == problem
+    assert written(problem.replace(actuators={"limit": 30})) != problem

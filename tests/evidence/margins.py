@@ -1,0 +1,133 @@
+"""Tolerances and inputs against simulations with couplings and formulas of this page alone."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from evidence.row import Row
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.margins.stage import margins_stage
+from dobc_design.conditions.observer.propose import observer_gain
+from dobc_design.conditions.separable.stage import separable_stage
+from dobc_design.problem.load import load_problem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+
+Array = NDArray[np.float64]
+COUPLINGS = {"exp(y) - 1 + y": lambda y: np.exp(y) - 1 + y, "tanh(y)": np.tanh, "y": lambda y: y, "sin(y)": np.sin}
+CORNERS, STEP, TIME = 50, 0.01, 6.0  # of one problem; s
+
+
+def tolerances(count: int, seed: int) -> Row:
+    """Random corners of the weights and gains that are tolerated, from corners of the set: none leaves it.  Beside it
+    the smallest error, by bisection, for which a simulated corner does leave."""
+    failures, ratios, met, number = [], [], 0, seed
+    while met < count and number < seed + 4 * count:
+        h = tuple(COUPLINGS)[number % len(COUPLINGS)]
+        problem, number = _problem(number, h), number + 1
+        checks = _checks(problem)
+        if "tolerance" not in checks:
+            continue
+        claim, base = checks["tolerance"].claim, checks["max-separable"].claim
+        d, rng = float(claim.errors.weights), np.random.default_rng(number)
+        for _ in range(min(CORNERS, count - met)):
+            met += 1
+            if _leaves(problem, h, base, d, d, rng) > 1 + 1e-9:
+                failures.append(f"{number - 1}: a corner leaves the set")
+        low, high = d, min(8 * d, 0.999)
+        worst = [_leaves(problem, h, base, high, high, None, side) > 1 + 1e-6 for side in (1, -1)]
+        if any(worst):
+            for _ in range(12):
+                middle = (low + high) / 2
+                bad = any(_leaves(problem, h, base, middle, middle, None, side) > 1 + 1e-6 for side in (1, -1))
+                low, high = (low, middle) if bad else (middle, high)
+            ratios.append(high / d)
+    notes = [f"smallest error that fails / tolerated one, {len(ratios)} problems: {_three(ratios)}"]
+    return Row("tolerated errors of weights and gains: no corner leaves the set", met, failures, notes, least=count)
+
+
+def inputs(count: int, seed: int) -> Row:
+    """paper-fixed, starts on the boundary of the certified set and inside it: the largest |u_i| beside the bound."""
+    problem = load_problem("paper-fixed").replace(actuators={})
+    checks = _checks(problem)
+    claim, base, W = checks["actuators"].claim, checks["max-separable"].claim, observer_gain(problem)
+    n, rng = problem.n, np.random.default_rng(seed)
+    v, k = np.array([float(x) for x in base.v]), np.array([5.0 if i in (0, 5) else 0.0 for i in range(n)])
+    A, C = np.array([[0.0, 2.0], [-2.0, 0.0]]), np.array([1.0, 0.0])
+    F, P = A - np.outer(np.array(W, dtype=float)[:, 0], C), np.array(base.error.P, dtype=float)
+    arcs, rho, kappa = problem.network.modes["Ga"], float(base.rho), float(base.error.kappa)
+    i, j, onto = arcs.listeners, arcs.speakers, np.eye(n)[arcs.listeners]
+    split = rng.choice((0.0, 1.0, 0.5), size=(count, 1))
+    e = rho * split * v * rng.choice((-1, 1), size=(count, n))
+    away = rng.normal(size=(count, n, 2))
+    norms = np.sqrt(np.einsum("rni,ij,rnj->rn", away, P, away))[..., None]
+    eps = (rho * (1 - split) / kappa)[..., None] * away / norms
+    xi0, most = np.array([float(x) for x in problem.simulation.xi0[0]]), np.zeros(n)
+
+    def field(e: Array, eps: Array) -> tuple[Array, Array]:
+        y = e[:, j] - e[:, i]
+        return (np.exp(y) - 1 + y) @ onto - k * e + eps @ C, eps @ F.T
+
+    t = 0.0
+    while t < TIME:
+        step = min(STEP, 0.5 / (np.max(np.exp(e[:, j] - e[:, i])) + 6))  # of Runge and Kutta; starts are stiff
+        d = xi0[0] * np.cos(2 * t) + xi0[1] * np.sin(2 * t)
+        most = np.maximum(most, np.max(np.abs(-k * e - d + eps @ C), axis=0))
+        a = field(e, eps)
+        b = field(e + step / 2 * a[0], eps + step / 2 * a[1])
+        c = field(e + step / 2 * b[0], eps + step / 2 * b[1])
+        z = field(e + step * c[0], eps + step * c[1])
+        e, eps = (x + step / 6 * (p + 2 * q + 2 * r + s) for x, p, q, r, s in zip((e, eps), a, b, c, z, strict=True))
+        t += step
+    bounds = np.array([float(claim.inputs[label]) for label in problem.network.labels])
+    failures = [f"agent {i + 1}: {most[i]:.6g} > {bounds[i]:.6g}" for i in range(n) if not most[i] <= bounds[i]]
+    notes = [f"largest input simulated {np.max(most):.5g}, bound {np.max(bounds):.5g}; share {_three(most / bounds)}"]
+    return Row("inputs on the certified set: none exceeds its bound", count, failures, notes)
+
+
+def _checks(problem: Problem) -> dict[str, Check]:
+    asked = read_region(problem, observer_gain(problem), domain="consensus", everything=True)
+    checks = separable_stage(asked, lambda stage: None)
+    return {check.id: check for check in [*checks, *margins_stage(asked, checks, lambda stage: None)] if check.claim}
+
+
+def _problem(seed: int, h: str) -> Problem:
+    """A few agents, the first pinned, each hearing one with a smaller number and perhaps others."""
+    rng, arcs = np.random.default_rng(seed), []
+    n = int(rng.integers(3, 7))
+    for i in range(2, n + 1):
+        others = {int(rng.integers(1, i)), int(rng.integers(1, n + 1))} - {i}
+        arcs += [[i, j, Fraction(int(rng.integers(1, 9)), 4)] for j in sorted(others)]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
+    region: Any = {"initial_states": ["-0.5", "0.5"]}
+    return Problem(network=network, coupling=h, gains={1: int(rng.integers(1, 6))}, target=0, region=region)
+
+
+def _leaves(problem: Problem, h: str, base: Any, dw: float, dk: float, rng: Any, side: int = 1) -> float:
+    """The largest N / rho of a run from a corner of the set; ``rng`` None: the corner and the weights that are worst
+    for a coupling that rises."""
+    arcs, v, function = next(iter(problem.network.modes.values())), np.array([float(x) for x in base.v]), COUPLINGS[h]
+    i, j, w = arcs.listeners, arcs.speakers, np.array([float(x) for x in arcs.weights])
+    gains, n = np.array([float(problem.pinning.gains[a][0][0]) if a == 0 else 0.0 for a in range(problem.n)]), problem.n
+    if rng is None:
+        w, gains, signs = w * np.where(v[j] > v[i], 1 + dw, 1 - dw), gains * (1 - dk), np.full(n, side)
+    else:
+        w, gains = w * (1 + dw * rng.choice((-1, 1), size=len(w))), gains * (1 + dk * rng.choice((-1, 1), size=n))
+        signs = rng.choice((-1, 1), size=n)
+
+    def field(t: float, e: Array) -> Array:
+        return np.bincount(i, w * function(e[j] - e[i]), n) - gains * e
+
+    run = solve_ivp(field, (0, 2), float(base.rho) * v * signs, rtol=1e-10, atol=1e-12)
+    return float(np.max(np.abs(run.y).T / v) / float(base.rho))
+
+
+def _three(numbers: Any) -> str:
+    found = np.sort(np.asarray(numbers, dtype=float))
+    return "none" if not len(found) else f"least {found[0]:.3f}, median {np.median(found):.3f}, most {found[-1]:.3f}"

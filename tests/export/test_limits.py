@@ -1,0 +1,100 @@
+"""Limits of actuators in exported C code: u is cut off there, the observer knows it, the samples are counted."""
+
+from __future__ import annotations
+
+import subprocess
+
+import numpy as np
+import pytest
+from c_harness import STRICT, CompiledAgents, compile_and_test, needs_gcc, planar, write_all
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.problem.load import load_problem
+
+#: An agent at x = goal + 1 with k = 5 and no observer: u is -5, twice, then 0.  Counts follow.
+COUNT = r"""
+#include <stdio.h>
+#include "dobc_agent.h"
+
+int main(void)
+{
+    dobc_agent agent;
+    dobc_output output;
+    dobc_real x[DOBC_COMPONENTS] = {2.0};
+    int k;
+
+    dobc_init(&agent, &dobc_agents[0]);
+    for (k = 0; k < 3; k++) {
+        dobc_step(&agent, x, &output);
+        x[0] = k < 1 ? 2.0 : 1.0;
+        printf("%g ", (double)output.u[0]);
+    }
+    printf("%lu %lu\n", agent.limited, agent.skipped);
+    return 0;
+}
+"""
+
+
+def exported(problem: dd.Problem, precision: str = "double") -> dict[str, bytes]:
+    return dict(dd.export.to_c(problem, period="1/50", precision=precision).files)
+
+
+@pytest.mark.parametrize("limit", [None, {}])
+def test_without_limits_the_files_are_as_they_were(limit: object):
+    plain = load_problem("paper-fixed")
+    assert exported(plain.replace(actuators={"limit": limit, "amplitude": 1})) == exported(plain)
+
+
+def test_a_limit_beyond_all_doubles_is_refused():
+    with pytest.raises(SpecError, match="every number of the code must fit into a double"):
+        exported(load_problem("paper-fixed").replace(actuators={"limit": "1e400"}))
+
+
+@needs_gcc
+@pytest.mark.parametrize(("limit", "told"), [("4.99", "-4.99 -4.99 -0 2 0"), ("5", "-5 -5 -0 0 0")])
+def test_a_larger_input_is_cut_off_and_counted_and_one_at_the_limit_is_not(limit: str, told: str, tmp_path):
+    network, limits = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), {"limit": {"1": limit}}
+    problem = dd.Problem(network=network, coupling="y", target=1, gains={1: 5}, actuators=limits)
+    write_all(exported(problem), tmp_path)
+    (tmp_path / "main.c").write_text(COUNT)
+    command = ["gcc", *STRICT, "dobc_agent.c", "main.c", "-o", "count", "-lm"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    counted = subprocess.run(["./count"], cwd=tmp_path, capture_output=True, check=True, text=True, timeout=60)
+    assert counted.stdout.split() == told.split()
+
+
+@pytest.mark.slow
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_the_loop_is_that_of_code_without_limits_whose_inputs_are_cut_off_outside(precision: str, tmp_path):
+    """The oracle cuts u off itself and tells the observer by dobc_applied; two components, matrix gains, two modes."""
+    problem, limit, rng = planar(), 1.5, np.random.default_rng(7)
+    agents = [
+        CompiledAgents(exported(each, precision), tmp_path / name, n=problem.n, m=problem.m)
+        for name, each in (("inside", problem.replace(actuators={"limit": "3/2"})), ("outside", problem))
+    ]
+    largest = 0.0
+    for k in range(200):
+        x = np.array(problem.target, dtype=float) + rng.normal(size=(problem.n, problem.m)) * 0.98**k
+        (inside, outside) = (each(k // 50 % 2, x, limit=own) for each, own in zip(agents, (0.0, limit), strict=True))
+        for one, other in zip(inside, outside, strict=True):
+            np.testing.assert_array_equal(one, other)
+        largest = max(largest, np.abs(inside[0]).max())
+    assert largest == limit
+
+
+@pytest.mark.slow
+@needs_gcc
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("limit", ["5", {"1": "5", "6": "8"}])
+def test_the_test_vectors_are_those_of_the_limited_loop_and_the_files_name_the_limit(limit, precision: str, tmp_path):
+    files = exported(load_problem("paper-fixed").replace(actuators={"limit": limit}), precision)
+    done = compile_and_test(write_all(files, tmp_path))
+    assert done.returncode == 0, done.stdout
+    u = np.loadtxt(tmp_path / "vectors.csv", delimiter=",", skiprows=1)[:, -3]
+    assert np.abs(u).max() == 5
+    named = "5." if limit == "5" else "5 (agent 1), 8 (agent 6)."
+    assert f"of every component of u: {named}" in files["dobc_agent.h"].decode()
+    assert "  - 5" in files["README.txt"].decode()

@@ -1,0 +1,90 @@
+"""Runs as bad as [uncertainty] and [actuators] allow: they attain the worst case of linear loops, and no more."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+import dobc_design as dd
+from dobc_design.simulation.setting import make_setting
+from dobc_design.simulation.worst import STEPS, worst_signs
+
+BOUND = 0.1 * (1 + 1.33276)  # theory, section 12: omega (1 + |C e^(F t) W|_1) for the paper's data
+SHARES = (1, 3, 5 / 2, 2, 3 / 2) * 2  # M^-1 1 of the linearised network
+
+
+def paper(**changes: object) -> dd.Problem:
+    given = {"coupling": "2*y", "uncertainty": {"disturbance": "0.1"}, "region": None} | changes
+    return dd.load_problem("paper-fixed").replace(**given)
+
+
+def pair(**changes: object) -> dd.Problem:
+    network = dd.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
+    return dd.Problem(network=network, coupling="y", gains={1: 1}, **changes)
+
+
+def largest(agent: int) -> float:
+    """0.1 times the integral of |response of the agent to every residual|, by SciPy: [e; eps], w enters both."""
+    ring, n = np.roll(np.eye(10), 1, axis=1), 10
+    M = np.zeros((30, 30))
+    M[:n, :n] = 2 * (ring - np.eye(n)) - np.diag([5.0 if i in (0, 5) else 0 for i in range(n)])
+    A, C, W = np.array([[0, 2], [-2, 0]]), np.array([[1, 0]]), np.array([[3.2], [2.4]])
+    M[:n, n:], M[n:, n:] = np.kron(np.eye(n), C), np.kron(np.eye(n), A - W @ C)
+    entry = np.vstack([np.eye(n), -np.kron(np.eye(n), W)])
+    step, row, total = expm(M * 0.002), np.eye(30)[agent], 0.0
+    for _ in range(15_000):
+        total += 0.002 * np.abs(row @ entry).sum()
+        row = row @ step
+    return 0.1 * total
+
+
+@pytest.mark.parametrize("agent", [0, 1])
+def test_the_worst_run_attains_what_the_linear_loop_allows_and_none_exceeds_the_bound(agent: int):
+    run = dd.simulate(paper(), stress="worst", seed=10 + agent, start={"x": np.ones((10, 1))}, t_final=30, samples=31)
+    reached = np.abs(run.x - 1)[:, :, 0]
+    assert (reached.max(axis=0) <= BOUND * np.array(SHARES)).all()
+    assert 0.97 * largest(agent) < reached[-1, agent] < 1.01 * largest(agent)
+
+
+def test_without_an_observer_the_worst_case_of_a_positive_loop_is_attained():
+    """Chain of two: a constant 0.1 on both gives e = (0.1, 0.2)."""
+    problem = pair(uncertainty={"disturbance": "0.1"})
+    run = dd.simulate(problem, stress="worst", start={"x": [[0], [0]]}, t_final=30, samples=31)
+    assert run.x[-1, :, 0] == pytest.approx([0.1, 0.2], abs=1e-6)
+    assert "switched to be as bad as it can be" in " ".join(run.notes)
+
+
+def test_runs_of_an_ensemble_are_the_single_ones():
+    problem = paper()
+    many = dd.simulate(problem, stress="worst", runs=3, seed=5, t_final=4, samples=9)
+    one = dd.simulate(problem, stress="worst", seed=6, t_final=4, samples=9)
+    assert many.error[1] == pytest.approx(np.abs(one.x - 1).max(axis=(1, 2)), rel=1e-6)
+
+
+def test_the_run_is_that_of_another_integrator():
+    problem = pair(uncertainty={"disturbance": "0.1"}, actuators={"limit": {1: "0.05"}})
+    run = dd.simulate(problem, stress="worst", start={"x": [[1], [-1]]}, t_final=3, samples=7)
+
+    def slope(time: float, e: np.ndarray) -> list[float]:
+        return [np.clip(-e[0], -0.05, 0.05) + 0.1, e[0] - e[1] + 0.1]
+
+    other = solve_ivp(slope, (0, 3), [1, -1], t_eval=run.times, rtol=1e-9, atol=1e-11)
+    assert run.x[:, :, 0] == pytest.approx(other.y.T, abs=1e-5)
+
+
+def test_signs_of_a_run_are_those_of_the_impulse_response_reversed():
+    """The response of the observer's error turns: d = w + C eps rings at 2 rad/s."""
+    setting = make_setting(paper(), gain=dd.load_problem("paper-fixed").observer.W, t_final=10.0)
+    signs = worst_signs(paper(), setting.loop, horizon=10.0, seeds=[0], observed=True)
+    assert signs.values.shape == (STEPS, 10, 1, 1)
+    own = signs.values[:, 0, 0, 0]
+    assert own[-1] == 1
+    assert 1 < np.count_nonzero(np.diff(own)) < 20
+    assert signs.integral(0, 10)[0, 0, 0] == pytest.approx(own.sum() * 10 / STEPS)
+
+
+def test_a_problem_that_bounds_nothing_is_refused():
+    with pytest.raises(dd.errors.SpecError, match="bounds no disturbance"):
+        dd.simulate(pair(uncertainty={"weights": "0.1"}), stress="worst")

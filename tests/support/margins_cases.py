@@ -1,0 +1,91 @@
+"""Tolerances and inputs for the lone checker: certificates of one agent that `certify` makes, and just-false twins."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cache
+from typing import Any
+
+from checker_cases import FAILS, HOLDS, Case
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.exosystems import Exosystem, harmonics
+from dobc_design.problem.groups import Observer
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+
+REGION = {"initial_states": [-1, 1]}
+SEEN = {"exosystem": harmonics([2]), "observer": Observer(W=[["16/5"], ["12/5"]])}
+WIDE = {"actuators": {"amplitude": 9}, "region": REGION | {"initial_disturbance": "1/2"}}
+THREE = Exosystem(A=[[0, 2, 0], [-2, 0, 1], [0, 0, 0]], C=[[1, 0, 0]])
+RISING = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
+
+
+def one(**more: Any) -> Problem:
+    network = Network.from_arcs([], arrow="listens_to", agents=1)
+    return Problem(**{"network": network, "coupling": "sinh(y)", "gains": {1: 3}, "target": 0} | more)
+
+
+def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, without: str = "", **changes: Any) -> Case:
+    """The certificate with other parts of a check, keys of ``exact`` by name; ``table``: other [actuators] and xi0."""
+    document, claims = json.loads(canonical_bytes(problem)), json.loads(certificate_bytes(certify(problem).claims))
+    check = next(each for each in claims["checks"] if each["id"] == id)
+    for key, value in changes.items():
+        (check if key in ("rate", "domain") else check["exact"])[key] = value
+    if without == "max-separable":
+        claims["checks"] = [each for each in claims["checks"] if each["id"] != without]
+    if without == "actuators":
+        del document[without]
+    if table is not None:
+        document["actuators"]["amplitude"], document["simulation"]["xi0"] = None, table
+    data = json.dumps(document).encode()
+    claims["problem_sha256"] = hashlib.sha256(data).hexdigest()
+    return Case(f"margins {id} {sorted(changes)} {table} {without}", json.dumps(claims).encode(), data, code)
+
+
+@cache
+def margins_cases() -> list[Case]:
+    """All of them, the good ones first."""
+    table = {"weights": "1/10", "gains": "1/10"}
+    near, seen = one(uncertainty=table, region=REGION), one(uncertainty=table, **SEEN)
+    unknown = two(
+        uncertainty={"weights": "1/1000", "known_to_agents": False}, coupling="tanh(y)", **SEEN, region=WIDE["region"]
+    )
+    kinked = one(uncertainty=table, region=REGION, coupling="y + abs(y)/2")
+    limited = one(region=REGION, actuators={"limit": 9})
+    start = [["1/2", "1/2"]]
+    return [
+        *(bent(each, "tolerance", code=HOLDS) for each in (near, seen, unknown)),
+        bent(limited, "actuators", code=HOLDS),
+        bent(one(**SEEN, **WIDE), "actuators", code=HOLDS, table=start, inputs={"1": "90"}),
+        bent(near, "tolerance", weights="1/20"),
+        bent(near, "tolerance", gains="1/20"),
+        bent(near, "tolerance", weights="2"),
+        bent(near, "tolerance", eta="0"),
+        bent(kinked, "tolerance", v=["1"], domain="consensus"),
+        bent(unknown, "tolerance", v=["1", "2"], alpha="1/10", rate=None, domain="consensus"),
+        bent(limited, "actuators", without="max-separable"),
+        bent(limited, "actuators", without="actuators"),
+        bent(near, "tolerance", rate=4),
+        bent(seen, "tolerance", alpha="-1"),
+        bent(seen, "tolerance", domain="global"),
+        bent(seen, "tolerance", rate=0.001),
+        bent(unknown, "tolerance", eta="0"),
+        bent(limited, "actuators", rate=0.1),
+        bent(limited, "actuators", rho="1000", inputs={"1": "9"}),
+        bent(one(region=REGION, actuators={}), "actuators", rho="1000", inputs={"1": "9000"}),
+        bent(limited, "actuators", inputs={"1": "9", "2": "9"}),
+        bent(limited, "actuators", inputs={"1": "2"}),
+        bent(limited, "actuators", inputs={"1": "10"}),
+        bent(one(**SEEN, **WIDE), "actuators", table=[["1"]], inputs={"1": "90"}),
+        bent(one(exosystem=THREE, **WIDE), "actuators", table=[["1", "0", "1"]], inputs={"1": "90"}),
+        bent(one(exosystem=RISING, **WIDE), "actuators", table=[["1", "1"]], inputs={"1": "90"}),
+    ]
+
+
+def two(**more: Any) -> Problem:
+    """The second agent hears the first."""
+    return one(**more | {"network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)})

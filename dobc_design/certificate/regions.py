@@ -23,7 +23,7 @@ from dobc_design.conditions.numbers import LARGEST, claimed, rounded_down, round
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
-from dobc_design.conditions.schedule.claim import Staging
+from dobc_design.conditions.schedule.claim import Descent
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
@@ -206,14 +206,14 @@ def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
         found = next((check for check in claims.checks if check.id == "settling"), None)
         if found is None or found.verdict is not Verdict.PROVED:
             return None
-        staging = claim_of(found, problem, claims.W)
-        return settling_of(problem, staging, found.reason) if isinstance(staging, Staging) else None
+        descent = claim_of(found, problem, claims.W)
+        return settling_of(problem, descent, found.reason) if isinstance(descent, Descent) else None
 
 
 def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
     """That of a proved settling time, so that all times are about the same; else a part of the radius."""
     for check in checks:
-        if check.verdict is Verdict.PROVED and isinstance(check.claim, Staging):
+        if check.verdict is Verdict.PROVED and isinstance(check.claim, Descent):
             return _down(check.claim.tolerance)
     proved = [check for check in checks if check.verdict is Verdict.PROVED and check.kind.is_consensus]
     radii = [claimed(check.domain["radius"]) for check in proved if isinstance(check.domain, Mapping)]

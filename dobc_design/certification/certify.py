@@ -37,8 +37,9 @@ from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
 from dobc_design.conditions.quadratic.stage import quadratic_stage
+from dobc_design.conditions.schedule.cycles import phases_of
 from dobc_design.conditions.schedule.decide import Settling
-from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, settle, settling_stage
+from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, schedule_stage, settle, settling_stage
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError
@@ -57,7 +58,12 @@ OBSTACLES = ("detectability", "hurwitz")  # refuted, they rule out every pair
 MOST_SEARCHED = 200  # modes in which directions of few agents are looked for
 DOUBT = 1e-9  # an estimate of lambda_max above minus this calls for a witness
 #: Cheapest first.
-STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (separable_stage, quadratic_stage, exhaustive_stage)
+STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (
+    separable_stage,
+    quadratic_stage,
+    exhaustive_stage,
+    schedule_stage,
+)
 
 
 @shows_progress
@@ -156,7 +162,7 @@ def certify_settling(
     modes.  A missing W is designed first, as ``certify`` does.  ``progress``: as in ``certify``.
     Returns: a Settling with ``time`` (s), ``envelope(t)``, ``stages`` and ``verdict``: PROVED, or UNDECIDED with
     the reason.  Raises: SpecError for a wrong number, or without a [region] and without a radius.
-    Source: theory, section 5, Staging.
+    Source: theory, section 11.
     Example:
         >>> settling = dd.certify_settling("clock-sync", radius=1, disturbance=1, tolerance="1/10")
         >>> settling.verdict.value, settling.envelope(settling.time) <= 0.1
@@ -179,10 +185,16 @@ def region_checks(
         known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
         if not (known or everything or domain == "global") and len(problem.network.modes) > 1:
             asked = read_region(problem, W, domain=domain, everything=False)
-            return separable_stage(replace(asked, radius=NEAR, disturbance=NEAR * (W is not None)), report)
+            asked = replace(asked, radius=NEAR, disturbance=NEAR * (W is not None))
+            found = separable_stage(asked, report)
+            return (
+                found
+                if any(covers(problem, check, found) for check in found)
+                else found + schedule_stage(asked, report)
+            )
         known = known or domain != "global"
     asked = read_region(problem, W, domain=domain, everything=everything)
-    found: list[Check] = []
+    found = []
     for stage in STAGES if everything or not known else STAGES[: is_asked(asked)]:
         found += stage(asked, report)
         if not everything and any(covers(problem, check, found) for check in found):
@@ -399,7 +411,10 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
         (not problem.pinning.agents, "No agent is pinned."),
         (own.W is not None and own.rate is not None, "observer.rate is not used, because W was given."),
         (problem.region is None and not linear, f"No region was asked for: {local}"),
-        (len(problem.network.modes) > 1, "The modes may switch in any way, so one V has to serve them all."),
+        (
+            len(problem.network.modes) > 1 and not phases_of(problem),
+            "The modes may switch in any way, so one V has to serve them all.",
+        ),
         (linear, "Every coupling is exactly linear: what holds near the target holds everywhere."),
         (problem.exceptions, f"{len(problem.exceptions)} arc(s) have a coupling of their own."),
         (problem.offsets, "Agents go to the target plus their formation offset; couplings act on x - offset."),

@@ -96,7 +96,7 @@ def _model_and_network(
         found["hurwitz"] = model
     network = None
     failed = any(check.id == "lemma1" and check.verdict is not Verdict.PROVED for check in checks)
-    if failed and not _held_with_weights(problem, findings.statements):
+    if failed and not _has_weights(checks) and not _held_with_weights(problem, findings.statements):
         progress("looking for a cure")
         network = _network_fix(problem, findings, progress)
         if network is not None:
@@ -113,12 +113,15 @@ def _model_and_network(
 
 def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
     """Whether the theorem is proved, with weights or without; without an exosystem, Lemma 1 in every mode."""
-    if any(
-        check.id in ("theorem1-weighted", "theorem2-weighted") and check.verdict is Verdict.PROVED for check in checks
-    ):
+    if _has_weights(checks):
         return True
     ids = ("theorem1", "theorem2") if problem.groups else ("lemma1",)
     return {check.verdict for check in checks if check.id in ids} == {Verdict.PROVED}
+
+
+def _has_weights(checks: Iterable[Check]) -> bool:
+    ids = ("theorem1-weighted", "theorem2-weighted")
+    return any(check.id in ids and check.verdict is Verdict.PROVED for check in checks)
 
 
 def _held_with_weights(problem: Problem, statements: Statements, *, rate: float = 0.0) -> bool:

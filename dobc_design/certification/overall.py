@@ -14,6 +14,7 @@ from dobc_design.conditions.consensus.network import cure_in_words, name_agents,
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
+from dobc_design.conditions.schedule.cycles import guarantee_in_words
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.problem.arrays import unreached
@@ -110,6 +111,8 @@ def _target_is_interior(problem: Problem) -> bool:
 
 def _proved_reason(problem: Problem, check: Check) -> str:
     switching = " under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
+    if check.id == "schedule":
+        switching = f" for {guarantee_in_words(problem)}"
     pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s" if check.rate else ""
     elsewhere = " in the region" if problem.region is not None else f" with {_domain_in_words(check)}"
     which = {"global": "", "consensus": " close enough to it"}.get(str(check.domain), elsewhere)

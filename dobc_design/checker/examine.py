@@ -7,6 +7,7 @@ from typing import Any
 
 from .accuracy import accuracy
 from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
+from .cycles import schedule
 from .files import Certificate, Problem
 from .margins import actuators, tolerance
 from .matrices import product, stable
@@ -28,6 +29,7 @@ REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
     "equilibrium": equilibrium,
     "lure": lure,
     "exhaustive": exhaustive,
+    "schedule": schedule,
     "settling": settling,
     "accuracy": accuracy,
 }
@@ -127,13 +129,13 @@ def covers(case: Certificate, check: Any) -> bool:
     local = (case.theorem, case.theorem + "-printed") if p.q else ("lemma1",)
     if check.id in (*local, case.theorem + "-weighted", "linearisation"):
         return p.region is None or p.domain == "global"
-    if check.id not in ("max-separable", "lure", "exhaustive"):
+    if check.id not in ("max-separable", "lure", "exhaustive", "schedule"):
         return False
     if type(domain) is str:
         return bool(domain == "global")
     if p.region is None:  # a box around the target answers the local question of several modes
         near = domain.radius > 0 and (not p.q or domain.disturbance > 0)
-        return bool(check.id == "max-separable" and len(p.modes) > 1 and near)
+        return bool(check.id in ("max-separable", "schedule") and len(p.modes) > 1 and near)
     sides = enumerate(p.region.initial_states)
     farthest = [max(abs(end - goal[c]) for goal in p.goals for end in side) for c, side in sides]
     square = max(farthest) ** 2 if domain.kind == "box" else p.n * sum(side**2 for side in farthest)

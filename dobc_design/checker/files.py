@@ -84,6 +84,7 @@ class Problem:
         self.couplings = list(known.values())  # all different, h first
         self.kinked = any(coupling.kinked for coupling in self.couplings)
         self.domain = "global" if all(coupling.straight for coupling in self.couplings) else "consensus"
+        self.switching = read(file.switching, maybe(an_object))
         self.modes = {
             mode.name: [Arc(i, j, w, known[exceptions.get((i, j), h)]) for i, j, w in mode.arcs] for mode in file.modes
         }

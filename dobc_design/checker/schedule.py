@@ -1,45 +1,57 @@
-"""settling: |e|_inf is small from a time on, by one certificate after the other.
+"""settling: a box that moves holds every run, and hands over to a certificate near the target.
 
-The size W of a stage is V of max-separable, or the root of V of lure. From the start of the stage on it is at most
-level exp(-pace (t - start)), what eps costs at most noise exp(-fade (t - start)), and |e|_inf at most height W.
+-lower <= e <= upper at every time of the tube, |C eps_i| <= root(size) disturbance exp(-beta t). From the end of the
+tube on the size W of the certificate, V of max-separable or the root of V of lure, is at most level exp(-pace (t -
+end)), and |e|_inf at most height W.
 """
 
+from collections.abc import Iterator
 from fractions import Fraction
 from functools import partial
-from typing import Any
+from itertools import pairwise
+from typing import Any, NamedTuple
 
-from .files import Certificate
-from .intervals import by_decimal
-from .matrices import ZERO, Matrix, identity, nonnegative, plus
-from .quadratic import contained, cost, inside, read_quadratic, relied
+from .expressions import Coupling
+from .files import Certificate, Problem
+from .intervals import by_decimal, enclosed, negative, times, total
+from .margins import root
+from .matrices import ZERO, identity, nonnegative, plus
+from .quadratic import contained, inside, read_quadratic
 from .reading import an_object, need, rational, read, text, weights
-from .separable import composite, holds_box, pace, read_separable, rows, starts
+from .separable import Curve, Term, composite, on_pieces, pace, read_separable, rows, starts, supremum
 
-STAGES = 100  # of a settling time at most
+TIMES = 2000  # of a tube at most
+HALVINGS = 12  # of a segment
 LONGEST = Fraction(16_000)
+
+Box = list[Fraction]
+
+
+class Face(NamedTuple):
+    """A face of the box, the one across, and its speed, on a part of a segment: at its two ends."""
+
+    own: tuple[Box, Box]
+    other: tuple[Box, Box]
+    speed: Box
 
 
 def settling(case: Certificate, check: Any) -> None:
-    """The first stage holds all starts, each one hands over to the next, and the last one comes down in time."""
+    """The tube holds all starts and its rows hold; its last box lies in the level of what takes over, in time."""
+    p = case.problem
     need(check.rate is None, "it has no rate to claim")
     starts(case, check.domain, "box")
-    shape: dict[str, Any] = dict.fromkeys(("start", "level", "height", "noise", "stretch", "factor?"), rational)
-    shape |= {"kind": text, "certificate": an_object, "diagonal?": partial(weights, case.problem.n * case.problem.m)}
-    exact = read(check.exact, {"tolerance": rational, "time": rational, "stages": [shape]})
-    need(1 <= len(exact.stages) <= STAGES, f"there is not between 1 and {STAGES} stages")
+    tube: dict[str, Any] = {"times": [rational], "upper": [partial(weights, p.n)], "lower": [partial(weights, p.n)]}
+    tube |= {"P": ((rational,) * p.q,) * p.q, "beta": rational, "size": rational} if p.q else {}
+    last = dict.fromkeys(("level", "height", "stretch"), rational) | {"kind": text, "certificate": an_object}
+    exact = read(check.exact, {"tolerance": rational, "time": rational, "tube": tube, "last": last})
+    moves(case, exact.tube, check.domain)
 
-    claims = [stage_claim(case, *pair) for pair in zip(exact.stages, [None, *exact.stages], strict=False)]
-    first(case, exact.stages[0], claims[0], check.domain)
-    for k in range(1, len(claims)):
-        handed(case, (exact.stages[k - 1], claims[k - 1]), (exact.stages[k], claims[k]))
-    for stage, claim in zip(exact.stages, claims, strict=True):
-        if stage.kind == "max-separable":  # rho > 0 by now
-            rows(case, claim, claim.alpha, Fraction(1))
-
-    last = exact.stages[-1]
-    need(exact.time >= last.start, "the time is before the start of the last stage")
-    top = last.height * last.level * fading(speed(case, last, claims[-1])[0] * (exact.time - last.start))
-    need(top <= exact.tolerance, "the tolerance is not reached by then")
+    elapsed, after = exact.time - exact.tube.times[-1], exact.last
+    need(elapsed >= 0, "the time is before the end of the tube")
+    speed = takes_over(case, exact.tube, after, check.domain)
+    need(
+        after.height * after.level * fading(speed * elapsed) <= exact.tolerance, "the tolerance is not reached by then"
+    )
 
 
 def fading(x: Fraction) -> Fraction:
@@ -47,82 +59,113 @@ def fading(x: Fraction) -> Fraction:
     return by_decimal("exp", (-min(x, LONGEST),) * 2)[1]
 
 
-def speed(case: Certificate, stage: Any, claim: Any) -> tuple[Fraction, Fraction]:
-    """The rates of the size and of the noise."""
-    if stage.kind == "quadratic":
-        return claim.rate, claim.rate
-    return pace(case, claim), claim.beta if case.problem.q else ZERO
+def noise(case: Certificate, tube: Any, box: Any, time: Fraction) -> Fraction:
+    """An upper bound of |C eps_i| from a time on, and of root(eps_i'P eps_i)."""
+    return root(tube.size) * box.disturbance * fading(tube.beta * time) if case.problem.q else ZERO
 
 
-def stage_claim(case: Certificate, stage: Any, last: Any) -> Any:
-    """What the certificate of a stage claims, which holds but for its starts and the rows of max-separable."""
-    p, quadratic, before = case.problem, stage.kind == "quadratic", last is not None and last.kind == "quadratic"
-    need(stage.noise >= 0 and stage.level > 0 and stage.height > 0 and stage.stretch > 0, "a size is negative")
-    need(p.q > 0 or (stage.noise == 0 and stage.stretch == 1), "there is no exosystem")
-    need(stage.kind in ("max-separable", "quadratic"), "the kind is neither max-separable nor quadratic")
-    need(quadratic or not before, "a max-separable stage follows a quadratic one")
-    need((stage.diagonal is not None) == (quadratic and not before), "diagonal is there, or is not")
-    need((stage.factor is not None) == (quadratic and before), "factor is there, or is not")
-    claim = (read_quadratic if quadratic else read_separable)(case, stage.certificate)
-    if quadratic:
-        high = all(inside(claim.P_e, z, Fraction(1), stage.height) for z in identity(p.n * p.m))
+def moves(case: Certificate, tube: Any, box: Any) -> None:
+    """The first box holds all starts, and no run leaves the boxes that follow."""
+    p, count = case.problem, len(tube.times)
+    need(1 <= count <= TIMES and tube.times[0] == 0, "times do not begin at 0, or are too many")
+    need(all(a < b for a, b in pairwise(tube.times)), "times do not rise")
+    need(len(tube.upper) == len(tube.lower) == count, "there is not one box for each time")
+    composite(case, tube)
+    need(p.q == 0 or tube.beta > 0, "beta is not positive")
+    need(min(tube.upper[0] + tube.lower[0]) >= box.radius, "the first box does not hold all starts")
+    mixed = any(x for gain in p.gains.values() for c, row in enumerate(gain) for d, x in enumerate(row) if c != d)
+    need(not mixed or tube.upper == tube.lower, "gains mix components, and the faces are not alike")
+    if count == 1:
+        return
+
+    reach = enclosed(2 * max(x for face in (tube.upper, tube.lower) for x in map(max, face)))[1]
+    couplings = {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}
+    curves = {(h, mirrored): Curve(h, mirrored, -reach, reach) for h in couplings for mirrored in (False, True)}
+    loads = [noise(case, tube, box, time) for time in tube.times]
+    for k in range(count - 1):
+        length = tube.times[k + 1] - tube.times[k]
+        for own, other, mirrored in ((tube.upper, tube.lower, False), (tube.lower, tube.upper, True)):
+            speed = [(b - a) / length for a, b in zip(own[k], own[k + 1], strict=True)]
+            face = Face((own[k], own[k + 1]), (other[k], other[k + 1]), speed)
+            open_rows = [(heard[i], i) for heard in p.heard.values() for i in range(p.n)]
+            for arcs, i in open_rows:
+                held = shown(p, arcs, i, face, (loads[k], loads[k + 1]), curves, mirrored, HALVINGS)
+                need(held, f"the row of agent {p.labels[i]} is not shown from {float(tube.times[k])} s on")
+
+
+def shown(
+    p: Problem,
+    arcs: Any,
+    i: int,
+    face: Face,
+    loads: tuple[Fraction, Fraction],
+    curves: dict[tuple[Coupling, bool], Curve],
+    mirrored: bool,
+    halvings: int,
+    rho: Fraction = ZERO,
+) -> bool:
+    """Whether a row holds on a part of a segment, whole or in halves: what drives e_i outward on the face is at most
+    the speed of the face; with ``rho`` for the box times every s of (0, rho]."""
+    held = min(p.least_gain(i) * box[i] for box in face.own)
+    room, terms, slopes = held + face.speed[i] - max(loads), list[Term](), ZERO
+    for arc in arcs:
+        step = max(own[arc.j] - own[i] for own in face.own)
+        reach = max(other[arc.j] + own[i] for own, other in zip(face.own, face.other, strict=True))
+        p_side, q_side = ((enclosed(x)[1],) * 2 for x in (max(reach, -step), step))
+        terms.append((curves[arc.coupling, mirrored], enclosed(arc.w), p_side, q_side))
+        slopes += arc.w * max(g * x for g in arc.coupling.slope(0, 0) for x in (step, -reach))
+    if all(arc.coupling.straight for arc in arcs):
+        holds = slopes <= room
+    elif rho:
+        holds = on_pieces(terms, enclosed(room), (0.0, 0.0), enclosed(rho)[1])
     else:
+        most = [(w, supremum(curve, low, high, 1.0, 1.0).at(1.0)) for curve, w, low, high in terms]
+        holds = total([negative(enclosed(room)), *(times(w, (x, x)) for w, x in most)])[1] <= 0
+    if holds:
+        return True
+    if not halvings:
+        return False
+    return all(shown(p, arcs, i, *part, curves, mirrored, halvings - 1, rho) for part in halves(face, loads))
+
+
+def halves(face: Face, loads: tuple[Fraction, Fraction]) -> Iterator[tuple[Face, tuple[Fraction, Fraction]]]:
+    """The two halves of a part of a segment."""
+    own, other = ([(a + b) / 2 for a, b in zip(*ends, strict=True)] for ends in (face.own, face.other))
+    load = sum(loads, ZERO) / 2
+    yield Face((face.own[0], own), (face.other[0], other), face.speed), (loads[0], load)
+    yield Face((own, face.own[1]), (other, face.other[1]), face.speed), (load, loads[1])
+
+
+def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> Fraction:
+    """The certificate at the end of the tube holds, and the last box lies in its level; its rate."""
+    p, quadratic = case.problem, last.kind == "quadratic"
+    need(last.kind in ("max-separable", "quadratic"), "the kind is neither max-separable nor quadratic")
+    need(last.level > 0 and last.height > 0 and last.stretch > 0, "a size is not positive")
+    widths = list(map(max, tube.upper[-1], tube.lower[-1]))
+    left = noise(case, tube, box, tube.times[-1])
+    if not quadratic:
+        claim = read_separable(case, last.certificate)
         need(claim.rho is not None or p.domain == "global", "it has no rho, and the couplings are not all linear")
         composite(case, claim)
-        high = stage.height >= max(claim.v)
-    need(high, "the height is too small")
-    need(speed(case, stage, claim)[0] > 0, "a stage does not decrease")
-    return claim
-
-
-def first(case: Certificate, stage: Any, claim: Any, box: Any) -> None:
-    """The first stage holds all starts of the box."""
-    need(stage.start == 0 and stage.stretch == 1, "the first stage does not begin at 0, unstretched")
-    if stage.kind == "max-separable":
-        holds_box(claim, box, stage.level)
-        need(claim.rho is None or stage.level <= claim.rho, "the level leaves the region")
-        need(not box.disturbance or stage.noise**2 >= claim.size * box.disturbance**2, "the noise is larger")
+        rows(case, claim, claim.alpha, Fraction(1))
+        alike = p.q == 0 or (claim.P, claim.beta, claim.size) == (tube.P, tube.beta, tube.size)
+        need(alike and last.stretch == 1, "P, beta and size are not those of the tube")
+        need(last.height >= max(claim.v), "the height is too small")
+        need(claim.rho is None or last.level <= claim.rho, "the level leaves the region")
+        size = max(b / v for b, v in zip(widths, claim.v, strict=True)) + (claim.kappa * left if p.q else ZERO)
+        need(last.level >= size, "the last box leaves the level")
+        speed = pace(case, claim)
     else:
-        eps = cost(case, claim, box)
-        need(below_diagonal(claim.P_e, stage.diagonal), "P_e <= diagonal is not shown")
-        need(box.radius**2 * sum(stage.diagonal) + eps <= stage.level**2, "the box of starts leaves the level")
-        need(claim.level is None or stage.level**2 <= claim.level, "the level leaves the region")
-        need(case.problem.n * stage.noise**2 >= eps, "the noise is larger")
-
-
-def below_diagonal(P_e: Matrix, D: list[Fraction]) -> bool:
-    """P_e <= diag(D)."""
-    return nonnegative([[(D[a] if a == b else ZERO) - x for b, x in enumerate(row)] for a, row in enumerate(P_e)])
-
-
-def at_most(factor: Fraction, old: Matrix, new: Matrix) -> bool:
-    """new <= factor old."""
-    return nonnegative(plus(plus(identity(len(old), 0), factor, old), -1, new))
-
-
-def handed(case: Certificate, before: tuple[Any, Any], after: tuple[Any, Any]) -> None:
-    """From one stage to the next: where the old one has come to lies inside the new one."""
-    p, (last, old), (stage, new) = case.problem, before, after
-    stretch, elapsed = stage.stretch, stage.start - last.start
-    need(elapsed >= 0, "a stage begins before the one it follows")
-    size, fade = (fading(rate * elapsed) for rate in speed(case, last, old))
-    c, noise = last.level * size, last.noise * fade
-    if p.q:
-        need(at_most(stretch**2, old.P, new.P), "P' <= stretch^2 P is not shown")
-        need(stage.noise >= stretch * noise, "the noise is larger")
-
-    if stage.kind == "max-separable":
-        g = max(a / b for a, b in zip(old.v, new.v, strict=True))
-        need(new.rho is None or g * c <= new.rho, "the level leaves the region")
-        more = max(ZERO, new.kappa * stretch - g * old.kappa) * min(noise, c / old.kappa) if p.q else ZERO
-        need(stage.level >= g * c + more, "the level is larger")
-    elif last.kind == "max-separable":
-        for a, b in relied(p) if new.radius is not None else ():
-            need(c * (old.v[a // p.m] + old.v[b // p.m]) <= new.radius, "the level leaves the region")
-        need(below_diagonal(new.P_e, stage.diagonal), "P_e <= diagonal is not shown")
-        square = c**2 * sum(x * old.v[k // p.m] ** 2 for k, x in enumerate(stage.diagonal))
-        need(stage.level**2 >= square + p.n * stage.noise**2, "the level is larger")
-    else:
-        contained(p, old.P_e, c**2, new.radius)
-        need(at_most(stage.factor, old.P_e, new.P_e), "P_e' <= factor P_e is not shown")
-        need(stage.level**2 >= max(stage.factor, stretch**2 if p.q else ZERO) * c**2, "the level is larger")
+        claim = read_quadratic(case, last.certificate)
+        high = all(inside(claim.P_e, z, Fraction(1), last.height) for z in identity(p.n * p.m))
+        need(high, "the height is too small")
+        contained(p, claim.P_e, last.level**2, claim.radius)
+        if p.q:
+            gap = plus(plus(identity(p.q, 0), last.stretch**2, tube.P), -1, claim.P)
+            need(nonnegative(gap), "P' <= stretch^2 P is not shown")
+        wide = [x for x in widths for _ in range(p.m)]
+        square = sum(abs(x) * wide[a] * wide[b] for a, row in enumerate(claim.P_e) for b, x in enumerate(row))
+        need(last.level**2 >= square + p.n * (last.stretch * left) ** 2, "the last box leaves the level")
+        speed = claim.rate
+    need(speed > 0, "it does not decrease")
+    return Fraction(speed)

@@ -236,6 +236,7 @@ def holds_box(claim: Any, box: Any, level: Fraction) -> None:
 
 
 Curves = dict[tuple[Coupling, bool], Curve]  # h and -h(-y)
+Term = tuple[Curve, Floats, Floats, Floats]  # w, p and q
 
 
 # --- rows: sum of w sup {h(y): -s p <= y <= s q} <= s c for all s in (0, rho], with p = v_i + v_j and q = v_j - v_i
@@ -311,15 +312,21 @@ def curved_row(
     arcs = zip(row.terms, wide, strict=True)
     terms = [(curves[h, mirrored], w, sides[v + row.own], sides[v - row.own]) for (h, _, v), w in arcs]
 
+    return on_pieces(terms, c, added_load, enclosed(rho)[1], enclosed(start)[0])
+
+
+def on_pieces(terms: list[Term], c: Floats, load: Floats, rho: float, start: float = 0.0) -> bool:
+    """True if sum of w sup {h(y): -s p <= y <= s q} + load <= s c for all s of (0, rho], or of [start, rho]."""
+
     def settled(a: float, b: float) -> bool:
         bounds = [(w, supremum(curve, p, q, a, b)) for curve, w, p, q in terms]
 
         def at(s: float) -> float:
-            return total([*(times(w, (bound.at(s),) * 2) for w, bound in bounds), times((-s, -s), c), added_load])[1]
+            return total([*(times(w, (bound.at(s),) * 2) for w, bound in bounds), times((-s, -s), c), load])[1]
 
         return below(a, b, at, total([*(times(w, bound.slope) for w, bound in bounds), negative(c)]))
 
-    return throughout(enclosed(rho)[1], settled, enclosed(start)[0])
+    return throughout(rho, settled, start)
 
 
 # --- delay and sampling -----------------------------------------------------------------------------------------------

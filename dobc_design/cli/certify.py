@@ -296,7 +296,6 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
     from rich.padding import Padding
     from rich.text import Text
 
-    from dobc_design.conditions.schedule.checks import stage_timings
     from dobc_design.report import region_words as told
 
     regions, settling = certificate.regions, certificate.settling
@@ -315,5 +314,5 @@ def _shown(certificate: Certificate, searches: Sequence[Falsification], *, wide:
         yield Padding(Text(told.limit_words(claim)), (0, 0, 0, 2))
     sentences = [*filter(None, [told.rest_sentence(regions)]), *told.timing_sentences(regions)]
     yield from (Text(f"\n{sentence}") for sentence in sentences)
-    yield from output.settling_parts(settling, () if settling is None else stage_timings(certificate.problem, settling))
+    yield from output.settling_parts(settling)
     yield from output.search_parts(searches)

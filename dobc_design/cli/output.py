@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from rich.text import Text
 
     from dobc_design.certificate.claims import Claims
-    from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.conditions.schedule.decide import Settling
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.problem.problem import Problem
@@ -250,17 +249,16 @@ def document_table(table: doc.Table, leave_out: Collection[str] = ()) -> Table:
     return shown
 
 
-def settling_parts(settling: Settling | None, timings: Sequence[StageTiming] = ()) -> Iterator[RenderableType]:
-    """The stages as a table, with what they allow; nothing without a proved settling time."""
+def settling_parts(settling: Settling | None) -> Iterator[RenderableType]:
+    """What proves the settling time, as a table; nothing without a proved one."""
     from rich.text import Text
 
-    from dobc_design.report.region_words import settling_sentence, stages_table, timing_notes
+    from dobc_design.report.region_words import settling_sentence, stages_table
 
     if settling is None or settling.time is None:
         return
     yield Text(f"\n{settling_sentence(settling)}\n")
-    yield document_table(stages_table(settling, timings))
-    yield from (Text(f"\n{note}", style="dim") for note in timing_notes(timings))
+    yield document_table(stages_table(settling))
 
 
 def search_parts(searches: Sequence[Falsification]) -> Iterator[RenderableType]:

@@ -52,7 +52,7 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
 
 def _is_near(problem: Problem, check: Check) -> bool:
     """Whether a box around the target is proved: under switching that answers the local question, too."""
-    box = check.domain if check.id == "max-separable" and isinstance(check.domain, Mapping) else {}
+    box = check.domain if check.id in ("max-separable", "schedule") and isinstance(check.domain, Mapping) else {}
     several = len(problem.network.modes) > 1
     return several and box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
 

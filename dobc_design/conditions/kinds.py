@@ -28,16 +28,18 @@ _DECIDED_IN: Final = {
     "quadratic": ("conditions/quadratic/decide.py",),
     "boxes": ("conditions/boxes/decide.py",),
     "equilibrium": ("conditions/equilibrium/decide.py",),
-    "schedule": ("conditions/schedule/decide.py",),
+    "schedule": ("conditions/schedule/decide.py", "conditions/schedule/cycles.py", "conditions/schedule/rows.py"),
     "accuracy": ("conditions/accuracy/decide.py", "exact/peaks.py"),
 }
-#: The file of the second program for a topic, where it is not one of the same name.
+#: The file of the second program for an id or a topic, where it is not one of the same name.
 _CHECKERS: Final = {
     "observer": "consensus",
     "weighted": "consensus",
     "linearisation": "consensus",
     "boxes": "quadratic",
     "equilibrium": "separable",
+    "schedule": "cycles",
+    "settling": "schedule",
 }
 
 
@@ -75,7 +77,7 @@ class Kind(Shown):
     @property
     def checker(self) -> str:
         """The file of the second program that decides it again."""
-        return f"checker/{_CHECKERS.get(self.topic, self.topic)}.py"
+        return f"checker/{_CHECKERS.get(self.id, _CHECKERS.get(self.topic, self.topic))}.py"
 
     @property
     def is_consensus(self) -> bool:
@@ -348,18 +350,35 @@ _ROWS: Final = (
         source="Format of certificates, The overall verdict, 2 (d).",
     ),
     Kind(
+        id="schedule",
+        topic="schedule",
+        role="region",
+        name="Weights that move with time",
+        decides="whether every signal that keeps the guarantee of [switching] leads to the target, though no mode alone"
+        " may",
+        title="Weights that move with the modes",
+        statement=r"\textstyle\sum_j \sup h_{ij} - k_i s v_i \le s v_i'(t),\quad v^p(t) \le e^{-rt} v^q(0)",
+        plain="on the faces e_i = +-s v_i(t) the network pushes inwards faster than they move; v(t) <= exp(-r t) v'(0)"
+        " when a phase ends",
+        proved="Every signal that keeps the guarantee leads to the target, at the rate shown; without a rate by the"
+        " graphs alone: couplings rise, and every cycle of modes reaches every agent.",
+        refuted="Never: that no weights are found does not mean that there are none.",
+        source="Theory, Schedules.",
+    ),
+    Kind(
         id="settling",
         topic="schedule",
         role="settling",
         name="Settling time",
-        decides="whether |e| stays within a tolerance from a given time on, by certificates that take over from each"
-        " other",
-        title="A settling time, by stages",
-        statement=r"\{V_k \le c_k\} \subset \{V_{k+1} \le \rho_{k+1}\},\quad T = \sum_k \ln(\rho_k / c_k) / r_k",
-        plain="{V_k <= c_k} inside {V_k+1 <= rho_k+1}, and T = sum of ln(rho_k/c_k)/r_k",
-        proved="Every stage, every change of stage and every time is proved exactly, with a bound of the estimation"
-        " error: from every start in the box |e| stays below the tolerance from that time on.",
-        refuted="Never: that no stages are found does not exclude a shorter time.",
+        decides="whether |e| stays within a tolerance from a given time on, by a box that moves with time and a"
+        " certificate near the target",
+        title="A settling time, by moving boxes",
+        statement=r"\sum_j w_{ij} \sup_{-(l_j + u_i) \le y \le u_j - u_i} h_{ij}(y) - k_i u_i + c \le u_i'",
+        plain="sum_j w_ij sup {h_ij(y): -(l_j + u_i) <= y <= u_j - u_i} - k_i u_i + c <= u_i'",
+        proved="At every time the network pushes the faces of the box inwards at least as fast as they move, and the"
+        " last box lies in the level set of a certificate: from every start in the box |e| stays below the tolerance"
+        " from that time on.",
+        refuted="Never: that no box is found does not exclude a shorter time.",
         source="Theory, Settling times.",
     ),
     Kind(

@@ -156,6 +156,7 @@ function render({ model, el }) {
     waiting = { ...waiting, ...Object.fromEntries(told) };
     verdict.className = "dobc-verdict dobc-moving";
     verdict.textContent = "The exact verdict follows after a short pause.";
+    beside.hidden = true;
     clearTimeout(rest);
     flush();
     return true;
@@ -208,6 +209,7 @@ function render({ model, el }) {
   made(left, "div", { class: "dobc-hint" }, "Click an agent to pin it, again to unpin it. Drag from one agent to another to add or remove an arc. Arrow keys go from agent to agent; Enter pins.");
 
   const verdict = made(right, "div", { class: "dobc-verdict", role: "status", "aria-live": "polite" });
+  const beside = made(right, "div", { class: "dobc-hint dobc-plant", hidden: "" });
   const numbers = made(right, "div", { class: "dobc-numbers" });
   const start = Math.max(model.get("radius"), 1e-3);
   const fixed = [
@@ -273,6 +275,9 @@ function render({ model, el }) {
     verdict.textContent = found.busy ? "Deciding exactly …"
       : found.verdict ? `${found.verdict.toUpperCase()}${found.rate ? `, rate ${found.rate} 1/s` : ""}. ${found.text}`
       : "The exact verdict follows after a short pause.";
+    const plant = found.plant ?? [];
+    beside.hidden = plant.length === 0;
+    beside.textContent = `Proved about the plant: ${plant.join("; ")}.`;
   };
   const answered = () => { pending = false; clearTimeout(lost); showNumbers(); if (waiting) flush(); else rested(); };
   model.on("change:numbers", answered);

@@ -33,6 +33,7 @@ from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.report.figures import positions
+from dobc_design.report.plant import plant_numbers
 from dobc_design.simulation.runs import simulate
 
 try:
@@ -124,7 +125,8 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             if version == self.version:  # else it is out of date already
                 self.certificate = certificate
                 rate = None if certificate.rate is None else significant_towards_zero(certificate.rate)
-                self.verdict = {"verdict": certificate.verdict.value, "text": certificate.reason, "rate": rate}
+                found = {"verdict": certificate.verdict.value, "text": certificate.reason, "rate": rate}
+                self.verdict = found | {"plant": plant_numbers(certificate)}
             return certificate
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:

@@ -31,7 +31,17 @@ _CURE = "Write it again with `dobc check FILE --canonical OUT`."
 _KEYS = ("format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains")
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
 _LATER_TABLES = ("uncertainty", "actuators")
-_LATER_SWITCHING = ("sequence", "period", "generator", "schedule", "radius", "neighbours", "hysteresis")
+_LATER_SWITCHING = (
+    "sequence",
+    "period",
+    "generator",
+    "schedule",
+    "radius",
+    "neighbours",
+    "hysteresis",
+    "guarantee",
+    "longest",
+)
 
 
 def canonical_bytes(problem: Problem) -> bytes:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, PlainValidator, WithJsonSchem
 
 from dobc_design.problem.exosystems import KINDS, PARTS
 from dobc_design.problem.network import ARROWS, LONGEST_LABEL, MOST_AGENTS
-from dobc_design.problem.settings import SIGNALS
+from dobc_design.problem.settings import GUARANTEES, SIGNALS
 
 SCHEMA_VERSION = 1
 
@@ -71,6 +71,7 @@ Version = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "const": SCH
 Seed = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 0, "maximum": 2**63 - 1})]
 Arrow = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(ARROWS)})]
 Signal = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(SIGNALS)})]
+Guarantee = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(GUARANTEES)})]
 _COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
 Agents = Annotated[Any, _GIVEN, WithJsonSchema(_either(_COUNT, _list_of(_LABEL)))]
 Pairs = Annotated[Any, _GIVEN, WithJsonSchema(_either(_INTERVAL, _list_of(_INTERVAL, None)))]
@@ -178,8 +179,14 @@ class RegionTable(_Table):
 class SwitchingTable(_Table):
     """[switching]: the signal that drives the modes."""
 
-    signal: Signal
-    dwell: Number = Field(default=None, description="s; the mean stay where signal is markov.")
+    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["signal"]}, {"required": ["guarantee"]}]})
+
+    signal: Signal = Field(default=None, description="Required, unless there is a guarantee.")
+    guarantee: Guarantee = Field(default=None, description="What proofs may assume of the signal.")
+    dwell: NumberOrList = Field(
+        default=None, description="s; the mean stay where signal is markov; sequence: one for each."
+    )
+    longest: Number = Field(default=None, description="s; guarantee dwell: a mode lasts at most that.")
     sequence: ModeNames = Field(default=None, description="periodic: the modes of one round.")
     period: Number = Field(default=None, description="periodic: s of one round, in place of dwell.")
     generator: NumberMatrix = Field(default=None, description="markov: rates in 1/s, rows adding up to 0.")

@@ -177,6 +177,8 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "mobile": ("radius", "neighbours", "hysteresis"),
 }
 SIGNALS = tuple(KEYS)
+#: What proofs may assume, and the signal that is simulated unless another is named.
+GUARANTEES: Mapping[str, str] = {"arbitrary": "random", "dwell": "random", "sequence": "periodic"}
 _EXAMPLES = {
     "sequence": 'sequence = ["Ga", "Gb"]',
     "period": "period = 2.0",
@@ -197,6 +199,9 @@ class Switching(Shown):
     ``generator`` (M, M) in 1/s: "markov", the rate from the k-th mode to the l-th, rows adding up to 0.
     ``schedule``: (instant in s, mode) of "schedule"; of "periodic" those of one round, which ends with ``period``.
     ``radius`` or ``neighbours``: "mobile", who hears whom; ``hysteresis``: both distances in the unit of x.
+    ``guarantee``: what proofs may assume. "arbitrary" (as None), any signal; "dwell", a mode lasts at least ``dwell``,
+    and at most ``longest`` where it is given; "sequence", the modes of "periodic" over and over.  Its signal is then
+    "random" or "periodic" unless another is given; a list as ``dwell`` says how long each mode of a sequence lasts.
     Raises: SpecError that names every wrong key.
     """
 
@@ -209,11 +214,13 @@ class Switching(Shown):
     radius: Fraction | None = None
     neighbours: int | None = None
     hysteresis: Fraction | None = None
+    guarantee: str | None = None
+    longest: Fraction | None = None
 
     def __init__(
         self,
         *,
-        signal: Any,
+        signal: Any = None,
         dwell: Any = None,
         sequence: Any = None,
         period: Any = None,
@@ -222,12 +229,24 @@ class Switching(Shown):
         radius: Any = None,
         neighbours: Any = None,
         hysteresis: Any = None,
+        guarantee: Any = None,
+        longest: Any = None,
     ) -> None:
+        if guarantee is not None:
+            if not isinstance(guarantee, str) or guarantee not in GUARANTEES:
+                what = f"must be one of {', '.join(GUARANTEES)}; got {shown(guarantee)}."
+                raise wrong("switching.guarantee", what, 'For example guarantee = "dwell".')
+            signal = GUARANTEES[guarantee] if signal is None else signal
+            if guarantee == "sequence" and is_list(dwell):
+                for name, other in (("period", period), ("schedule", schedule)):
+                    if other is not None:
+                        raise wrong(f"switching.{name}", "has no meaning beside a list as dwell.", "Remove it.")
+                sequence, dwell, schedule, period = None, None, *_instants(sequence, dwell)
         if not isinstance(signal, str) or signal not in SIGNALS:
             what = f"must be one of {', '.join(SIGNALS)}; got {shown(signal)}."
             raise wrong("switching.signal", what, 'For example signal = "random".')
         object.__setattr__(self, "signal", signal)
-        given = (dwell, sequence, period, generator, schedule, radius, neighbours, hysteresis)
+        given = (dwell, sequence, period, generator, schedule, radius, neighbours, hysteresis, guarantee, longest)
         errors: list[SpecError] = []
         for each, value in zip(fields(self)[1:], given, strict=True):
             object.__setattr__(self, each.name, None)
@@ -258,11 +277,13 @@ def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switch
 
 def _read(signal: str, name: str, value: Any) -> Any:
     key = f"switching.{name}"
-    if name != "dwell" and name not in KEYS[signal]:
+    if name == "guarantee":
+        return value
+    if name not in ("dwell", "longest") and name not in KEYS[signal]:
         owners = [f'"{each}"' for each, names in KEYS.items() if name in names]
         what = f'{key} has no meaning for signal = "{signal}"; it belongs to {" and ".join(owners)}.'
         raise SpecError(what, key=key, cure=f"Remove it, or write signal = {owners[-1]}.")
-    if name in ("dwell", "period", "radius"):
+    if name in ("dwell", "longest", "period", "radius"):
         return positive_number(value, key=key, unit="a distance in the unit of x" if name == "radius" else "s")
     if name == "hysteresis":
         number = parse_number(value, key=key)
@@ -282,7 +303,7 @@ def _misfits(own: Switching) -> list[SpecError]:
     """Keys that are missing, or that say the same thing twice."""
     has = {each.name for each in fields(own) if getattr(own, each.name) is not None}
     rounds = own.signal == "periodic" and "schedule" in has
-    found = []
+    found = _unfit_guarantee(own)
     for applies, name, other, why in (  # without another key: where it applies, the key is required
         (own.signal == "schedule", "schedule", "", "it says which mode is active at which time"),
         (not {"radius", "neighbours"} & has, "radius", "", "it says how far an agent hears (or neighbours: how many)"),
@@ -305,6 +326,35 @@ def _misfits(own: Switching) -> list[SpecError]:
         what = f"must be > {last} s, the last instant of the schedule; got {got}."
         found.append(wrong("switching.period", what, "Choose a longer one."))
     return found
+
+
+def _unfit_guarantee(own: Switching) -> list[SpecError]:
+    """What a guarantee needs, and what has no meaning without it."""
+    found = []
+    if own.guarantee == "sequence" and (own.signal != "periodic" or (own.dwell is own.period is None)):
+        what = "needs the modes in their order and how long each lasts."
+        found.append(wrong("switching.guarantee", what, 'Write sequence = ["Ga", "Gb"] and dwell = [1, 2].'))
+    if own.guarantee == "dwell" and own.dwell is None:
+        what = 'is required and missing: guarantee = "dwell" says that a mode lasts at least so long.'
+        found.append(wrong("switching.dwell", what, "Write dwell = 0.5."))
+    if own.longest is not None and own.guarantee != "dwell":
+        what = 'has no meaning without guarantee = "dwell".'
+        found.append(wrong("switching.longest", what, 'Remove it, or write guarantee = "dwell".'))
+    elif own.longest is not None and own.dwell is not None and own.longest < own.dwell:
+        what = f"must be >= switching.dwell = {shown_number(own.dwell)} s; got {shown_number(own.longest)}."
+        found.append(wrong("switching.longest", what, "Give a longer time, or leave it out."))
+    return found
+
+
+def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
+    """The schedule of a round and its period, for modes that last differently long."""
+    modes = _read_sequence(sequence, "switching.sequence")
+    if len(dwell) != len(modes):
+        what = f"must be one number, or {counted(len(modes), 'number')}, one for each of switching.sequence;"
+        raise wrong("switching.dwell", f"{what} got {len(dwell)}.", "Give one for each.", kind=ShapeError)
+    lengths = [positive_number(x, key=f"switching.dwell[{k}]", unit="s") for k, x in enumerate(dwell)]
+    begins = [sum(lengths[:k], Fraction(0)) for k in range(len(modes) + 1)]
+    return tuple(zip(begins, modes, strict=False)), begins[-1]
 
 
 def _read_sequence(value: Any, key: str) -> tuple[str, ...]:

@@ -50,6 +50,7 @@ def describe(problem: Problem) -> str:
         lines.append(f"Region asked for: initial states in {pairs}{noise}.")
     if problem.switching is not None:
         lines.append(f"Switching in simulations: {switching_words(problem)}.")
+        lines += guarantee_words(problem.switching)
     if problem.simulation.x0 is not None:
         rows = problem.simulation.x0
         where = f"all agents at {_vector(rows[0])}" if len(rows) == 1 else "every agent at its own"
@@ -95,6 +96,16 @@ def facts(problem: Problem) -> dict[str, Any]:
         "notes": list(problem.notes),
         "remarks": list(remarks(problem)),
     }
+
+
+def guarantee_words(switching: Switching) -> list[str]:
+    """What proofs may assume of the signal, in a sentence; nothing without a guarantee."""
+    if switching.guarantee == "sequence":
+        return ["Proofs may assume this order and these times."]
+    if switching.guarantee == "dwell" and switching.dwell is not None:
+        most = "" if switching.longest is None else f" and at most {number_text(switching.longest)} s"
+        return [f"Proofs may assume that a mode lasts at least {number_text(switching.dwell)} s{most}."]
+    return []
 
 
 def switching_words(problem: Problem) -> str | None:

@@ -21,7 +21,6 @@ from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     from dobc_design.analysis.analysis import Analysis
-    from dobc_design.conditions.schedule.checks import StageTiming
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.simulation.trajectory import Trajectory
 
@@ -72,12 +71,10 @@ def report_document(
     analysis: Analysis | None = None,
     trajectory: Trajectory | None = None,
     lambdas: Mapping[str, Matrix] | None = None,
-    timings: Sequence[StageTiming] = (),
     searches: Sequence[Falsification] = (),
 ) -> doc.Document:
     """The document.  ``analysis`` and ``trajectory`` are shown where they are given.  ``lambdas``: mode -> Lambda(J) at
-    the consensus, printed up to 12 x 12.  ``timings``: sampling and delays of the stages of a settling time;
-    ``searches`` for counterexamples."""
+    the consensus, printed up to 12 x 12; ``searches`` for counterexamples."""
     problem, prints, verdict = certificate.problem, checks.fingerprints(certificate), certificate.verdict
     mark, proved = words.mark_of(verdict), verdict is Verdict.PROVED
     facts = [(name, told) for name, told in words.facts(certificate).items() if proved or told != "–"]
@@ -107,7 +104,7 @@ def report_document(
             _problem(problem),
             _network(certificate, analysis),
             *region_section(problem, certificate.regions, tuple(pictures.region_pictures(certificate.regions))),
-            *settling_section(certificate.settling, timings, tuple(pictures.envelope_pictures(certificate.settling))),
+            *settling_section(certificate.settling, tuple(pictures.envelope_pictures(certificate.settling))),
             *_searches(searches),
             *(replace(each, title=_ALSO) for each in checks.cure_section(certificate.checks) if proved),
             checks.checks_section(certificate.checks, proved=proved),

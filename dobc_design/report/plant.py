@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
 
-from dobc_design._show.text import significant_away_from_zero, typeset
+from dobc_design._show.text import significant_away_from_zero, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.margins.stage import UNCOUNTED
@@ -42,6 +42,21 @@ def plant_section(certificate: Certificate) -> Iterator[doc.Section]:
     nothing = doc.Text("Nothing is proved about this, because the conditions that it would rest on fail.")
     blocks = (*([given] if assumed else []), doc.Beside([(each,) for each in told]) if told else nothing)
     yield doc.Section("What the plant may add", blocks, "plant", "Plant")
+
+
+def plant_numbers(certificate: Certificate) -> list[str]:
+    """In a few words each: the largest input, the largest final bound, the tolerance, as far as proved."""
+    proved = {check.id: check for check in certificate.checks if check.verdict is Verdict.PROVED and check.exact}
+    told = []
+    for id, key, what in (("actuators", "inputs", "largest |u|"), ("accuracy", "bounds", "largest final |e|")):
+        if id in proved and (values := _numbers(proved[id], key)):
+            label = max(values, key=values.__getitem__)
+            told.append(f"{what} ≤ {significant_away_from_zero(values[label])} (agent {label})")
+    if "tolerance" in proved:
+        exact = proved["tolerance"].exact or {}
+        weights, gains = (significant_towards_zero(100 * read_rational(exact[key])) for key in ("weights", "gains"))
+        told.append(f"weights may be off by {weights} %, gains by {gains} %")
+    return told
 
 
 def _assumed(problem: Problem) -> Iterator[tuple[str, str]]:

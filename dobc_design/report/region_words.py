@@ -15,8 +15,7 @@ from dobc_design._show.text import lower, upper
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.numbers import read_rational
-from dobc_design.conditions.schedule.checks import StageTiming
-from dobc_design.conditions.schedule.decide import Settling, stage_rate
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.exact.number import float_above, float_below
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
@@ -174,48 +173,31 @@ def agents_sentence(regions: Regions, *, drawn: int | None = None) -> str:
     return text if drawn is None else f"{text} {drawn} of {len(bounds)} agents are drawn."
 
 
-def settling_section(
-    settling: Settling | None, timings: Sequence[StageTiming], pictures: Sequence[doc.Picture]
-) -> Iterator[doc.Section]:
-    """The proved settling time, stage by stage; nothing without one."""
+def settling_section(settling: Settling | None, pictures: Sequence[doc.Picture]) -> Iterator[doc.Section]:
+    """The proved settling time, and what proves it from when on; nothing without one."""
     if settling is None or settling.time is None:
         return
-    sentence, stages = settling_sentence(settling), "One certificate covers the whole time."
+    how = "One certificate covers the whole time."
     if len(settling.stages) > 1:
-        stages = (
-            "Each stage has a certificate of its own, used from the given time on. By then the bound of the one before"
-            " lies inside the region of this certificate. The bounds of earlier stages remain valid."
+        how = (
+            "A box that moves with time holds every run: on each of its faces the network pushes inward at least as"
+            " fast as the face moves. When it lies in the region of a certificate near the target, that one takes over."
         )
-    blocks = (
-        doc.Text(sentence),
-        doc.on_pages(doc.Pictures(pictures)),
-        doc.Text(stages),
-        stages_table(settling, timings),
-        *(doc.Text(each, "caption") for each in timing_notes(timings)),
-    )
+    pictured = doc.on_pages(doc.Pictures(pictures))
+    blocks = (doc.Text(settling_sentence(settling)), pictured, doc.Text(how), stages_table(settling))
     yield doc.Section("How fast it is proved to settle", blocks, "settling", "Settling")
 
 
-def stages_table(settling: Settling, timings: Sequence[StageTiming]) -> doc.Table:
-    """The stages in the order in which they take over; ``timings``: one per stage, or none at all."""
-    stages = settling.stages
-    timings = timings or [StageTiming()] * len(stages)
+def stages_table(settling: Settling) -> doc.Table:
+    """What proves the settling time, in the order in which it takes over."""
     return doc.table_of(
-        "Stages of the certified settling time",
-        [(place, *pair) for place, pair in enumerate(zip(stages, timings, strict=True), 1)],
-        doc.Column("stage", lambda row: str(row[0])),
-        doc.Column("certificate", lambda row: "quadratic" if row[1].is_quadratic else "max-separable"),
-        doc.Column("from t =", lambda row: f"{upper(float_above(row[1].start))} s", style="number"),
-        doc.Column("level V ≤", lambda row: upper(float_above(row[1].level)), style="number"),
-        doc.Column("so |e|∞ ≤", lambda row: upper(float_above(row[1].level * row[1].height)), style="number"),
-        doc.Column("rate in 1/s", lambda row: lower(float_below(stage_rate(row[1].certificate))), style="number"),
+        "What proves the settling time",
+        settling.stages,
+        doc.Column("proof", lambda stage: stage.kind),
+        doc.Column("from t =", lambda stage: f"{upper(float_above(stage.start))} s", style="number"),
+        doc.Column("where |e|∞ ≤", lambda stage: upper(float_above(stage.bound)), style="number"),
         doc.Column(
-            "held for",
-            lambda row: NONE if row[2].sampling is None else f"{lower(row[2].sampling.period)} s",
-            style="number",
-        ),
-        doc.Column(
-            "late by", lambda row: NONE if row[2].delay is None else f"{lower(row[2].delay.delay)} s", style="number"
+            "rate in 1/s", lambda stage: NONE if stage.rate is None else lower(float_below(stage.rate)), style="number"
         ),
     )
 
@@ -223,28 +205,15 @@ def stages_table(settling: Settling, timings: Sequence[StageTiming]) -> doc.Tabl
 def settling_sentence(settling: Settling) -> str:
     """The whole claim; a time is never shown shorter than it is, nor the box of starts larger."""
     errors = f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i" if settling.disturbance else ""
-    count = len(settling.stages)
     text = f"From every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
     text += f" {upper(float_above(settling.tolerance))} for all t ≥ {upper(settling.time or 0.0)} s,"
-    return text + f" {'by one certificate' if count == 1 else f'by {count} certificates in turn'}."
-
-
-def timing_notes(timings: Sequence[StageTiming]) -> list[str]:
-    """What the last two columns of the stages mean, and how far they are proved; nothing where nothing is said."""
-    if not any(timing.sampling or timing.delay for timing in timings):
-        return []
-    return [
-        "Held for: the longest proved sampling period with zero-order hold while the error is in that stage’s box."
-        " Late by: the communication delay for which half of that stage’s rate is proved. Both hold for a loop that is"
-        " in the box and were decided exactly when this was written; the certificate has them for its whole region"
-        " only. Quadratic stages say nothing about either."
-    ]
+    return text + f" {'by one certificate' if len(settling.stages) == 1 else 'by a moving box and a certificate'}."
 
 
 def envelope_alt(settling: Settling) -> str:
     """The picture of the envelope in words."""
     text = f"Certified bound of |e|∞ over time: from {upper(float(settling.envelope(0.0)))} down to"
-    return text + f" {lower(settling.tolerance)} at {upper(settling.time)} s, in {len(settling.stages)} stage(s)."
+    return text + f" {lower(settling.tolerance)} at {upper(settling.time)} s."
 
 
 def search_sections(

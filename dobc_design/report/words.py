@@ -13,6 +13,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
 from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational
+from dobc_design.conditions.schedule.cycles import guarantee_in_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
@@ -219,7 +220,10 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
         ]
     if problem.groups:
         yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
-    if len(problem.network.modes) > 1:
+    if certificate.covered_by == "schedule":
+        yes.append(f"It holds for {guarantee_in_words(problem)}.")
+        no.append("It says nothing about other signals.")
+    elif len(problem.network.modes) > 1:
         yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V holds for all modes.")
     if certificate.rate:
         rate = _number(certificate.rate)
@@ -367,6 +371,8 @@ def problem_words(problem: Problem) -> str:
         told.append(f"The proof has to cover all starts with {_starts(problem.region)}.")
     if problem.switching is not None:
         allowed = "are about the arcs of the modes" if problem.switching.signal == "mobile" else "allow any signal"
+        if problem.switching.guarantee in ("dwell", "sequence"):
+            allowed += ", except those that say for which signals they hold"
         told.append(f"Switching in simulations: {switching_words(problem)}.")
         told.append(f"The run shown here stays in one mode, and the proofs {allowed}.")
     return " ".join(told)

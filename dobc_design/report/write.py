@@ -13,7 +13,6 @@ from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.consensus.claim import state_theorems
-from dobc_design.conditions.schedule.checks import StageTiming, stage_timings
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
@@ -63,8 +62,7 @@ def render_report(
     progress: Reports[str] = None,
 ) -> dict[str, bytes]:
     """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  ``full``: details are open on
-    the page and printed in the PDF.  Diagnostics, one simulation and
-    what the stages of a settling time say about sampling and delays are computed here and handed to the report, which
+    the page and printed in the PDF.  Diagnostics and one simulation are computed here and handed to the report, which
     computes nothing."""
     from dobc_design.report.content import report_document
     from dobc_design.report.pdf import require_typst
@@ -86,17 +84,12 @@ def render_report(
                 say("simulating")
                 run = run_once(make_setting(problem, gain=gain))
                 trajectory = replace(run, loop_sha256=fingerprint(problem, gain))
-    settling, timings = certificate.settling, tuple[StageTiming, ...]()
-    if settling is not None:
-        say("deciding delays and sampling, stage by stage")
-        timings = stage_timings(problem, settling)
     say("writing the report")
     document = report_document(
         certificate,
         analysis=analysis,
         trajectory=trajectory,
         lambdas=_shown_lambdas(problem),
-        timings=timings,
         searches=searches,
     )
     if pdf:

@@ -5,6 +5,7 @@ The unit is one product of the n x n matrix of the arcs (CSR) with a vector, mea
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -75,6 +76,44 @@ with tempfile.TemporaryDirectory() as folder:
 peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 print(certified["verdict"], certified["covered_by"], checked["holds"], first, second, peak)
 """
+# One condition in a fresh process: found and decided, decided again, and the peak of its memory beyond the problem's.
+ALONE = """
+import json, resource, sys, time
+sys.path[:0] = {folders!r}
+from large import large
+from dobc_design.conditions.consensus import decide as plain
+from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.consensus.propose import lambda_tops
+from dobc_design.conditions.weighted.decide import confirm
+from dobc_design.conditions.weighted.stage import weighted_stage
+
+def peak():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 2**30
+
+problem = large({kind!r}, {n})
+statements, W, before = state_theorems(problem), problem.observer.W, peak()
+started = time.process_time()
+if {what!r} == "weighted":
+    (check,) = weighted_stage(statements, W)
+else:
+    top = lambda_tops(statements)["G"]
+    check = plain.lemma1_check(statements, "G", plain.Proposal(margin=-top.value, vectors=[top.vector.tolist()]))
+decided, started = time.process_time() - started, time.process_time()
+if {what!r} == "weighted" and check.verdict.value != "proved":
+    raise RuntimeError(check.reason)
+if {what!r} == "weighted":
+    wrong = confirm(check, problem, W, statements=statements)
+else:
+    wrong = plain.confirm(check, statements, None)  # proved, or refuted as the star is
+if wrong is not None:
+    raise RuntimeError(wrong)
+again = time.process_time() - started
+print(json.dumps(dict(decided=decided, again=again, peak=peak() - before, rate=check.rate or 0)))
+"""
+WEIGHTED = ("ring", "chain", "star", "scale free", "geometric")
+WEIGHTED_HEADER = (
+    f"{'network':<12} {'n':>8} {'Lemma 1':>10} {'weighted':>10} {'ratio':>7} {'again':>10} {'memory':>9} {'memory':>9}"
+)
 LAMBDA_HEADER = (
     f"{'network':<12} {'n':>8} {'arcs':>8} {'Lambda < 0':>11} {'rate':>6} {'-1 %':>6} {'+1 %':>6} {'ready':>7}"
     f" {'re-check':>9} {'certify':>9} {'verify':>8} {'peak':>9}  verdict"
@@ -243,6 +282,28 @@ def _whole_way(kind: str, n: int) -> str:
     return f"{float(first):>7.1f} s {float(second):>6.1f} s {int(peak) / 2**30:>5.2f} GiB  {said}"
 
 
+def weighted_rows() -> Iterator[str]:
+    """The weighted theorem beside Lemma 1, each alone in a fresh process: seconds of CPU time to propose and decide
+    (at most 3 times those of Lemma 1), and to decide again; peak memory."""
+    yield WEIGHTED_HEADER
+    for kind, n in (*((kind, SIZE) for kind in WEIGHTED), ("ring", MILLION)):
+        one, both = (_alone(kind, n, what) for what in ("lemma1", "weighted"))
+        ratio = both["decided"] / one["decided"]
+        yield (
+            f"{kind:<12} {n:>8} {one['decided']:>8.1f} s {both['decided']:>8.1f} s {ratio:>6.1f}x"
+            f" {both['again']:>8.1f} s {one['peak']:>5.2f} GiB {both['peak']:>5.2f} GiB"
+            f"  rate {one['rate']:.4g} -> {both['rate']:.4g}"
+        )
+
+
+def _alone(kind: str, n: int, what: str) -> dict[str, float]:
+    here = Path(__file__).resolve().parent
+    script = ALONE.format(folders=[str(here), str(here.parent / "support")], kind=kind, n=n, what=what)
+    answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    found: dict[str, float] = json.loads(answer.stdout)
+    return found
+
+
 def write_problem(kind: str, n: int, folder: str) -> None:
     """The problem of ``large`` as a file, its arcs beside it."""
     problem = large(kind, n)
@@ -326,12 +387,29 @@ def _both_ways(first: Any, second: Any, n: int) -> tuple[Any, Any]:
     return np.concatenate([low, high]), np.concatenate([high, low])
 
 
-GRAPHS = {"ring": ring, "small world": small_world, "scale free": scale_free, "geometric": geometric}
+def chain(n: int) -> tuple[Any, Any]:
+    """Everyone hears the one before: one way."""
+    return np.arange(1, n), np.arange(n - 1)
+
+
+def star(n: int) -> tuple[Any, Any]:
+    """Everyone hears the first agent, one way: Lemma 1 is refuted there."""
+    return np.arange(1, n), np.zeros(n - 1, dtype=int)
+
+
+GRAPHS = {
+    "chain": chain,
+    "star": star,
+    "ring": ring,
+    "small world": small_world,
+    "scale free": scale_free,
+    "geometric": geometric,
+}
 
 
 if __name__ == "__main__":
     if len(sys.argv) > 1:  # another size
         SIZE = MILLION = int(sys.argv[1])
         GROWTH = (SIZE,)
-    for row in (*lambda_rows(), *large_rows()) if len(sys.argv) < 3 else lambda_rows():
+    for row in (*lambda_rows(), *large_rows()) if len(sys.argv) < 3 else weighted_rows():
         print(row, flush=True)

@@ -201,7 +201,7 @@ def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
     assert run.final_error > bound[-1]  # which says nothing against the bound
 
 
-def test_a_settling_time_bounds_by_its_stages(curved):
+def test_a_settling_time_bounds_by_its_envelope(curved):
     problem, certificate = curved
     run = dd.simulate(problem, t_final=6)
     settling = dd.certify_settling(problem, tolerance="1/100")

@@ -192,7 +192,8 @@ def test_the_checks_are_found():
         ("consensus", "not case.problem.kinked"),
         ("separable", "left >= 0"),
         ("separable", "exact.delay >= 0"),
-        ("schedule", "top <= exact.tolerance"),
+        ("schedule", "held"),
+        ("schedule", "last.level >= size"),
         ("quadratic", "claim.outer >= claim.level"),
     ],
 )

@@ -1,4 +1,4 @@
-"""The lone checker's part about quadratic certificates: lure, boxes one by one, settling times, and changed claims."""
+"""The lone checker's part about quadratic certificates: lure, boxes one by one, and changed claims."""
 
 from __future__ import annotations
 
@@ -14,14 +14,11 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from checker_cases import FAILS, HOLDS, Case, accepted_by, alone, misjudged, outcome
+from checker_cases import FAILS, HOLDS, accepted_by, alone, misjudged, outcome
 from lure_cases import HARMONIC, PAPER_GAIN
 from mutants import mutate
-from quadratic_cases import ONCE, SHARP, TWICE, WAVY, chain, grid, quadratic_cases, timed, ways
-from region_cases import _frame_verdict, case, certificate, changed, problems
-from staging_cases import ASKED
-from staging_cases import chain as staging
-from staging_cases import problem as staged_problem
+from quadratic_cases import SHARP, WAVY, chain, grid, quadratic_cases
+from region_cases import certificate, changed, problems
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
@@ -31,21 +28,18 @@ from dobc_design.checker.matrices import identity
 from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.quadratic.stage import quadratic_stage
-from dobc_design.conditions.schedule.checks import settling_check
-from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region
-from dobc_design.verdict import Verdict
 
 
 def test_every_case_gets_its_exit_code():
     """Claims whose truth is known, and twins that just fail in one place each."""
     assert misjudged(quadratic_cases()) == []
-    assert sum(case.code == HOLDS for case in quadratic_cases()) >= 15
-    assert sum(case.code == FAILS for case in quadratic_cases()) > 100
+    assert sum(case.code == HOLDS for case in quadratic_cases()) >= 7
+    assert sum(case.code == FAILS for case in quadratic_cases()) > 30
 
 
 def test_the_lone_folder_confirms_boxes(tmp_path):
@@ -86,42 +80,6 @@ def test_every_agent_pays_for_its_own_observer_error():
     agents = SimpleNamespace(q=0, m=1, n=3, block=lambda S, i: [[Fraction(i)]])
     costs = quadratic.noise(SimpleNamespace(problem=agents), None)
     assert [row[i] for i, row in enumerate(costs)] == [0, 1, 2]
-
-
-# --- Settling times that the package finds --------------------------------------------------------------------------
-@pytest.fixture(scope="module")
-def staged() -> tuple[dict[str, Any], bytes]:
-    """Two max-separable stages and two quadratic ones with an observer, every number as small as it may be."""
-    bare = staged_problem()
-    observed = {"exosystem": bare.exosystem, "observer": Observer(W=[list(row) for row in PAPER_GAIN])}
-    problem = Problem(network=bare.network, coupling="exp(y) - 1 + y", gains={1: 5}, **observed)
-    asked = {name: getattr(ASKED, name) for name in ("radius", "disturbance", "tolerance")}
-    found = Settling(verdict=Verdict.PROVED, reason="", problem_name=problem.name, staging=staging(), **asked)
-    check = settling_check(problem, PAPER_GAIN, found, domain="consensus").to_json()
-    document = json.loads(certificate_bytes(certify(problem).claims))
-    document["checks"] = [each for each in document["checks"] if each["id"] != "settling"] + [check]
-    return document, canonical_bytes(problem)
-
-
-def test_a_settling_time_that_the_package_finds_is_confirmed(staged):
-    document, problem = staged
-    assert outcome(json.dumps(document).encode(), problem) == HOLDS
-
-
-@pytest.mark.parametrize(
-    ("k", "key"),
-    [
-        *((k, key) for k in range(4) for key in ("level", "height", "noise")),
-        *((1, "stretch"), (2, "stretch"), (None, "time"), (None, "tolerance")),
-    ],
-)
-def test_every_number_of_its_stages_is_as_small_as_it_may_be(staged, k, key):
-    """One part in a thousand less is refused; heights of max-separable stages are the largest v."""
-    document, problem = json.loads(json.dumps(staged[0])), staged[1]
-    exact = document["checks"][-1]["exact"]
-    part = exact if k is None else exact["stages"][k]
-    part[key] = str(Fraction(part[key]) * Fraction(999, 1000))
-    assert outcome(json.dumps(document).encode(), problem) == FAILS
 
 
 # --- Where V decreases, sampled -------------------------------------------------------------------------------------
@@ -279,40 +237,6 @@ def test_hostile_trees_are_refused_at_once(name):
     start = time.process_time()
     assert outcome(data, problem) == FAILS
     assert time.process_time() - start < 10
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"time": "1e400", "tolerance": "0"},
-        {"time": "-1e400"},
-        {"time": 6},
-        {"tolerance": "-1"},
-        {"stages": None},
-        {"stages": [{}] * 50_000},
-        {"stages": [ONCE["exact"]["stages"][0]] * 101},
-        {"more": "1"},
-        {"stages": [ONCE["exact"]["stages"][0] | {"certificate": None}]},
-        {"stages": [ONCE["exact"]["stages"][0] | {"certificate": {"v": ["1"] * 2}}]},
-        {"stages": [ONCE["exact"]["stages"][0] | {"level": "1e-400"}]},
-        {"stages": [TWICE["exact"]["stages"][0], TWICE["exact"]["stages"][1] | {"start": "1e400", "level": "1e-400"}]},
-        {"stages": [ONCE["exact"]["stages"][0] | {"diagonal": None}]},
-        {"stages": [ONCE["exact"]["stages"][0] | {"kind": "quadratic", "diagonal": {"float64": "AAAA"}}]},
-    ],
-)
-def test_hostile_stages_are_refused_at_once(change):
-    data, problem = certificate("line", timed(ONCE, **change)), canonical_bytes(problems()["line"])
-    start = time.process_time()
-    assert outcome(data, problem) == FAILS
-    assert time.process_time() - start < 10
-
-
-def test_a_time_beyond_all_exponents_is_followed():
-    """exp(-5e399) is not computed; that it is below exp(-16000) is enough."""
-    check = ways(TWICE, 1, start="1e400", level="1e-300")
-    held = case("line", HOLDS, timed(check, time="2e400", tolerance="1e-350"), what="late", **_frame_verdict("line"))
-    assert isinstance(held, Case)
-    assert outcome(held.certificate, held.problem) == HOLDS
 
 
 def ring(n: int, *, coupling: str, gains: object, s: Fraction | None = None) -> Problem:

@@ -23,7 +23,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_the_answer_and_the_report_hold_stages_and_searches(file: Path, tmp_path: Path):
+def test_the_answer_and_the_report_hold_the_settling_time_and_searches(file: Path, tmp_path: Path):
     call = ["certify", str(file), "--settling", "1/100", "--search", "--out", str(tmp_path / "out")]
     done = CliRunner().invoke(app, call)
     assert done.exit_code == 0
@@ -32,7 +32,7 @@ def test_the_answer_and_the_report_hold_stages_and_searches(file: Path, tmp_path
     for name in ("report.html", "report.md"):
         text = (tmp_path / "out" / name).read_text("utf-8")
         assert "How fast it is proved to settle" in text
-        assert "held for" in text
+        assert "One certificate covers the whole time." in text
         assert "starts from the region were simulated" in text
     again = CliRunner().invoke(app, [*call, "--json", "--no-report"])
     document = json.loads(again.stdout)

@@ -16,6 +16,7 @@ from dobc_design.designer.source import python_source
 from dobc_design.designer.widget import preview
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.report.plant import plant_numbers
 
 
 def problem(coupling: str, arcs: list[list[int]], agents: int, **settings: Any) -> dd.Problem:
@@ -96,6 +97,12 @@ def test_the_exact_verdict_is_that_of_certify_and_goes_with_the_next_move(design
     assert designer.verdict == {}
     assert designer.certify().verdict is dd.Verdict.REFUTED
     assert "no agent is pinned" in designer.verdict["text"]
+
+
+def test_beside_the_verdict_stands_what_is_proved_about_the_plant(designer):
+    designer.certify()
+    assert designer.verdict["plant"] == plant_numbers(designer.certificate)
+    assert designer.verdict["plant"][-1].startswith("weights may be off by ")
 
 
 def test_the_preview_agrees_with_closed_forms(designer):

@@ -37,7 +37,10 @@ HARMLESS = Path(__file__).with_name("harmless.txt")
 ROOMS = ("exact", "coupling", "problem", "certificate", "conditions", "certification", "checker")
 TRUSTED = (
     *(f"{room}/*.py" for room in ("exact", "coupling", "problem", "certificate", "checker")),
-    *(f"conditions/*/{name}.py" for name in ("claim", "decide", "checks", "large", "network", "sectors", "timing")),
+    *(
+        f"conditions/*/{name}.py"
+        for name in ("claim", "decide", "checks", "large", "network", "sectors", "timing", "rows")
+    ),
     *(f"certification/{name}.py" for name in ("overall", "recheck")),
 )
 SECONDS = 30.0  # of tests for one change, as long as they took under coverage

@@ -14,7 +14,7 @@ from dobc_design.problem.exosystems import PARTS
 from dobc_design.problem.load import builtin_names, builtin_text, known_keys
 from dobc_design.problem.network import ARROWS
 from dobc_design.problem.schema import RESERVED, json_schema
-from dobc_design.problem.settings import KEYS, SIGNALS
+from dobc_design.problem.settings import GUARANTEES, KEYS, SIGNALS
 
 TABLES = ("network", "coupling", "pinning", "exosystem", "observer", "formation", "region", "switching", "simulation")
 TABLES += ("uncertainty", "actuators")
@@ -29,7 +29,7 @@ CONTRACT = {
     "observer": {"W", "P", "rate"},
     "formation": {"offsets"},
     "region": {"initial_states", "initial_disturbance"},
-    "switching": {"signal", "dwell", *(key for keys in KEYS.values() for key in keys)},
+    "switching": {"signal", "guarantee", "dwell", "longest", *(key for keys in KEYS.values() for key in keys)},
     "simulation": {"t_final", "seed", "xi0", "x0"},
     "uncertainty": {"weights", "gains", "known_to_agents", "disturbance", "drift", "measurement"},
     "actuators": {"limit", "amplitude"},
@@ -64,7 +64,6 @@ def test_what_must_be_there_is_required():
         "coupling.exceptions": {"arcs", "h"},
         "exosystem.groups": {"agents"},
         "region": {"initial_states"},
-        "switching": {"signal"},
     }
 
 
@@ -78,6 +77,11 @@ def test_an_exosystem_is_given_by_matrices_in_words_or_by_groups(path, ways):
     assert [set(way["required"]) for way in table(json_schema(), path)["anyOf"]] == ways
 
 
+def test_switching_names_its_signal_or_a_guarantee():
+    ways = [set(way["required"]) for way in table(json_schema(), "switching")["anyOf"]]
+    assert ways == [{"signal"}, {"guarantee"}]
+
+
 def test_reserved_keys_are_unknown_until_their_time():
     for key in RESERVED:
         path, _, name = key.rpartition(".")
@@ -88,6 +92,7 @@ def test_words_to_choose_from_are_those_of_the_reader():
     schema = json_schema()
     assert table(schema, "network")["properties"]["arrow"]["enum"] == list(ARROWS)
     assert table(schema, "switching")["properties"]["signal"]["enum"] == list(SIGNALS)
+    assert table(schema, "switching")["properties"]["guarantee"]["enum"] == list(GUARANTEES)
 
 
 def test_the_schema_is_plain_json_that_names_its_dialect():

@@ -18,6 +18,7 @@ from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import KEYS, SIGNALS, Switching
 from dobc_design.problem.words import describe, facts
+from dobc_design.simulation.runs import simulate
 
 MODES = ("Ga", "Gb", 'a."b"')
 NETWORK = Network.from_arcs({name: [[1, 2], [2, 3]] for name in MODES}, arrow="listens_to", agents=3)
@@ -41,11 +42,18 @@ def generators(draw) -> list[list[Fraction]]:
 
 
 @st.composite
+def promises(draw) -> list[dict[str, object]]:
+    shortest, guarantee = draw(numbers), {"guarantee": draw(st.sampled_from(["arbitrary", "dwell"]))}
+    longest = {"guarantee": "dwell", "longest": shortest + draw(numbers | st.just(Fraction(0)))}
+    return [guarantee | {"dwell": shortest}, longest | {"dwell": shortest}]
+
+
+@st.composite
 def sections(draw) -> Switching:
     signal = draw(st.sampled_from(SIGNALS))
     dwell = {"dwell": draw(st.none() | numbers)}
     if signal == "random":
-        return Switching(signal=signal, **dwell)
+        return Switching(signal=signal, **draw(st.sampled_from([dwell, *draw(promises())])))
     if signal == "markov":
         return Switching(signal=signal, **draw(st.sampled_from([dwell, {"generator": draw(generators())}])))
     schedule = draw(instants())
@@ -55,7 +63,9 @@ def sections(draw) -> Switching:
         near = draw(st.sampled_from([{"radius": draw(numbers)}, {"neighbours": draw(st.integers(1, 99))}]))
         return Switching(signal=signal, hysteresis=draw(st.none() | numbers | st.just(Fraction(0))), **near, **dwell)
     order = {"sequence": draw(st.none() | st.lists(modes, min_size=1, max_size=5))}
+    order |= {"guarantee": draw(st.sampled_from([None, "arbitrary"]))}
     rounds = {"schedule": schedule, "period": schedule[-1][0] + draw(numbers)}
+    rounds |= {"guarantee": draw(st.sampled_from([None, "sequence"]))}
     return Switching(signal=signal, **draw(st.sampled_from([order | dwell, order | {"period": draw(numbers)}, rounds])))
 
 
@@ -145,3 +155,38 @@ def test_check_says_where_simulations_start():
 
     assert "Simulations start at x0, all agents at 2." in words([2])
     assert "Simulations start at x0, every agent at its own." in words([1, 2, 3])
+
+
+def test_a_list_of_dwells_is_the_schedule_of_a_round():
+    listed = Switching(guarantee="sequence", sequence=["Ga", "Gb", "Ga"], dwell=[1, "1/2", 2])
+    rounds = [[0, "Ga"], [1, "Gb"], ["3/2", "Ga"]]
+    assert listed == Switching(guarantee="sequence", signal="periodic", schedule=rounds, period="7/2")
+
+
+def test_a_guarantee_chooses_the_signal_unless_it_is_named():
+    assert Switching(guarantee="arbitrary").signal == "random"
+    assert Switching(guarantee="dwell", dwell=1).signal == "random"
+    assert Switching(guarantee="sequence", dwell=1).signal == "periodic"
+    assert Switching(guarantee="dwell", signal="markov", dwell=1).signal == "markov"
+    assert canonical_document(
+        Problem(network=NETWORK, coupling="y", switching=Switching(guarantee="dwell", dwell=1, longest=2))
+    )["switching"] == {"signal": "random", "dwell": "1", "guarantee": "dwell", "longest": "2"}
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        {"guarantee": "arbitrary"},
+        {"guarantee": "dwell", "dwell": 0.25},
+        {"guarantee": "dwell", "dwell": 0.25, "longest": 0.5},
+        {"guarantee": "sequence", "dwell": 0.25},
+        {"guarantee": "sequence", "sequence": ["Ga", "Gb"], "period": 1},
+        {"guarantee": "sequence", "sequence": ["Ga", "Gb"], "dwell": [0.25, 0.5]},
+    ],
+)
+def test_problems_with_a_guarantee_are_simulated(section):
+    gains = {1: 1, 2: 1, 3: 1}
+    problem = Problem(network=NETWORK, coupling="y", gains=gains, switching=Switching(**section))
+    run = simulate(problem, start=[[1], [2], [-1]], t_final=2, samples=9)
+    assert not run.diverged
+    assert abs(run.x[-1]).max() < abs(run.x[0]).max()

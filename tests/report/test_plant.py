@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -12,7 +13,7 @@ from dobc_design.certification.certify import certify
 from dobc_design.conditions.check import Check, Values
 from dobc_design.problem.load import load_problem
 from dobc_design.report.document import Beside, Section, Table, Text
-from dobc_design.report.plant import MOST_ROWS, plant_section
+from dobc_design.report.plant import MOST_ROWS, plant_numbers, plant_section
 from dobc_design.report.write import render_report
 from dobc_design.verdict import Verdict
 
@@ -79,6 +80,20 @@ def test_without_the_tables_there_is_no_section_and_without_checks_it_says_so(pr
     assert list(plant_section(certificate_of(problem_with(), checks=(checked("tolerance"),)))) == []
     (section,) = plant_section(certificate_of(problem_with(**TABLES), checks=()))
     assert section.blocks[-1].words.startswith("Nothing is proved")
+
+
+def test_in_one_line_each_only_what_is_proved_with_its_worst_agent(problem_with, certificate_of):
+    """Bounds are rounded up, tolerances down."""
+    checks = [
+        checked("accuracy", bounds={"1": "1/3", "2": "2/3"}),
+        checked("actuators", inputs={"1": "25", "2": "7"}),
+        checked("tolerance", weights="206/10001", gains="1/50", alpha="1"),
+    ]
+    told = ["largest |u| ≤ 25 (agent 1)", "largest final |e| ≤ 0.6667 (agent 2)"]
+    told += ["weights may be off by 2.059 %, gains by 2 %"]
+    assert plant_numbers(certificate_of(problem_with(), checks=tuple(checks))) == told
+    open_ones = tuple(replace(check, verdict=Verdict.UNDECIDED) for check in checks)
+    assert plant_numbers(certificate_of(problem_with(), checks=open_ones)) == []
 
 
 def test_an_empty_table_of_actuators_asks_for_the_inputs_alone(problem_with, certificate_of):

@@ -108,8 +108,8 @@ def test_a_sample_without_disturbance_has_nothing_added_and_only_a_very_short_on
         assert ("That is short because" in held) is (period == "1/1000000")
 
 
-def test_a_proved_settling_time_is_told_stage_by_stage_and_what_is_undecided_gives_its_reason():
-    settling = check("settling", reason="|e(t)|_inf <= 0.04 for all t >= 15.6 s, in 8 stages.")
+def test_a_proved_settling_time_has_its_own_section_and_what_is_undecided_gives_its_reason():
+    settling = check("settling", reason="|e(t)|_inf <= 0.04 for all t >= 15.6 s, by a max-separable certificate.")
     assert timing_sentences(make(claim(), settling=settling)) == []
     left = {id: check(id, verdict=Verdict.UNDECIDED, reason="left out.") for id in ("settling", "delay")}
     assert timing_sentences(make(claim(), **left)) == ["Settling: left out.", "Delay: left out."]

@@ -9,11 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dobc_design._show.text import significant_towards_zero
+from dobc_design.certification.certify import certify
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group
 from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Switching
 from dobc_design.report import words
 from dobc_design.report.words import agents_table, domain_words, mode_sentences, names_in_words, number, pin_sentence
+from dobc_design.report.write import render_report
 
 
 @given(st.floats(min_value=1e-300, max_value=1e300))
@@ -88,3 +92,16 @@ def test_long_lists_are_cut():
     assert names_in_words([str(i) for i in range(20)], 3) == "0, 1, 2 and 17 more"
     assert names_in_words([]) == "nobody"
     assert names_in_words(["a", "b"]) == "a and b"
+
+
+def test_a_proof_under_a_guarantee_says_for_which_signals_it_holds():
+    """Two agents, the second hears the first every other second: nothing is said about arbitrary switching."""
+    network = Network.from_arcs({"A": [[2, 1]], "B": []}, arrow="listens_to", agents=2)
+    turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
+    certificate = certify(Problem(network=network, coupling="y", gains={1: 1}, switching=turns))
+    assert certificate.covered_by == "schedule"
+    assert "for the signal A for 1 s, B for 1 s, over and over" in certificate.reason
+    text = render_report(certificate)["report.md"].decode()
+    assert "It holds for the signal A for 1 s, B for 1 s, over and over." in text
+    assert "arbitrarily fast" not in text
+    assert "may switch in any way" not in text

@@ -128,6 +128,11 @@ def signal(kind: str, *lines: str) -> str:
     return swap('signal = "random"\ndwell = 0.5\n', f"{table}\n")
 
 
+def guarantee(kind: str, *lines: str) -> str:
+    table = "\n".join([f'guarantee = "{kind}"', *lines])
+    return swap('signal = "random"\ndwell = 0.5\n', f"{table}\n")
+
+
 def target(value: str) -> str:
     return swap("target = 1.0", f"target = {value}")
 
@@ -364,6 +369,46 @@ REGION_AND_SETTINGS = [
         "switching.dwell",
         "generator",
     ),
+    bad("guarantee-unknown", guarantee("never", "dwell = 1"), "switching.guarantee", "arbitrary, dwell, sequence"),
+    bad("guarantee-number", signal("random", "guarantee = 1"), "switching.guarantee", "one of"),
+    bad("guarantee-without-dwell", guarantee("dwell"), "switching.dwell", "missing"),
+    bad("longest-below-dwell", guarantee("dwell", "dwell = 2", "longest = 1"), "switching.longest", ">=", "2 s"),
+    bad("longest-zero", guarantee("dwell", "dwell = 2", "longest = 0"), "switching.longest", "> 0"),
+    bad("longest-of-any-signal", signal("random", "dwell = 1", "longest = 2"), "switching.longest", "dwell"),
+    bad(
+        "longest-of-a-sequence",
+        guarantee("sequence", 'sequence = ["Ga", "Gb"]', "dwell = 1", "longest = 2"),
+        "switching.longest",
+        "no meaning",
+    ),
+    bad("sequence-without-times", guarantee("sequence", 'sequence = ["Ga", "Gb"]'), "switching.guarantee", "how long"),
+    bad(
+        "sequence-of-random",
+        guarantee("sequence", 'signal = "random"', "dwell = 1"),
+        "switching.guarantee",
+        "order",
+    ),
+    bad(
+        "dwell-of-three",
+        guarantee("sequence", 'sequence = ["Ga", "Gb"]', "dwell = [1, 2, 3]"),
+        "switching.dwell",
+        "2 numbers",
+        "3",
+    ),
+    bad(
+        "dwell-with-a-zero",
+        guarantee("sequence", 'sequence = ["Ga", "Gb"]', "dwell = [1, 0]"),
+        "switching.dwell[1]",
+        "> 0",
+    ),
+    bad("dwell-list-of-nothing", guarantee("sequence", "dwell = [1, 2]"), "switching.sequence", "list of modes"),
+    bad("dwell-list-of-random", guarantee("dwell", "dwell = [1, 2]"), "switching.dwell"),
+    bad(
+        "dwell-list-beside-a-period",
+        guarantee("sequence", 'sequence = ["Ga", "Gb"]', "dwell = [1, 2]", "period = 9"),
+        "switching.period",
+        "dwell",
+    ),
     bad("x0-of-three", below("[simulation]", "x0 = [1, 2, 3]"), "simulation.x0", "4 numbers", "3"),
     bad("x0-rows", below("[simulation]", "x0 = [[1], [2]]"), "simulation.x0", "4 rows"),
     bad("x0-text", below("[simulation]", 'x0 = [1, 2, "far", 4]'), "simulation.x0[2]", "far"),
@@ -450,6 +495,11 @@ VALID_BUT_NASTY: list[BadFile] = [
     bad("switching-schedule", signal("schedule", 'schedule = [[0, "Ga"], [1e-3, "Gb"]]')),
     bad("switching-mobile", signal("mobile", "radius = 2.5", "hysteresis = 0")),
     bad("switching-nearest", signal("mobile", "neighbours = 2", "dwell = 1")),
+    bad("guarantee-arbitrary", guarantee("arbitrary")),
+    bad("guarantee-dwell", guarantee("dwell", "dwell = 0.5", 'longest = "1/2"')),
+    bad("guarantee-dwell-of-a-chain", guarantee("dwell", 'signal = "markov"', "dwell = 0.5")),
+    bad("guarantee-sequence", guarantee("sequence", 'sequence = ["Gb", "Ga", "Gb"]', "dwell = [1, 2, 0.5]")),
+    bad("guarantee-sequence-of-all", guarantee("sequence", "dwell = 0.5")),
     bad("x0-for-all", below("[simulation]", "x0 = [2]")),
     bad("x0-each-a-row", below("[simulation]", "x0 = [[1], [2], [3], [4]]")),
     bad("line-ends-of-windows", VALID.replace("\n", "\r\n")),

@@ -29,6 +29,7 @@ FILES = (
     "margins",
     "quadratic",
     "schedule",
+    "cycles",
     "examine",
 )
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}

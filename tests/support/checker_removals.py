@@ -5,20 +5,23 @@ from __future__ import annotations
 from accuracy_cases import accuracy_cases
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_mutants import FILES, Removal, removals, without
+from cycles_cases import cycles_cases
 from groups_cases import groups_cases
 from margins_cases import margins_cases
 from quadratic_cases import quadratic_cases
 from region_cases import region_cases
+from tube_cases import tube_cases
 from weighted_cases import weighted_cases
 
-MORE = (weighted_cases, margins_cases, accuracy_cases)
+MORE = (tube_cases, weighted_cases, margins_cases, accuracy_cases, cycles_cases)
 #: The cases to try first.
 FIRST = {
     "separable": region_cases,
     "margins": margins_cases,
     "accuracy": accuracy_cases,
     "quadratic": quadratic_cases,
-    "schedule": quadratic_cases,
+    "schedule": tube_cases,
+    "cycles": cycles_cases,
 }
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT = {
@@ -32,6 +35,7 @@ EQUIVALENT = {
     "len(tree) <= LETTERS": "it bounds the work; test_quadratic_checker.py has a longer one.",
     "p.n <= AGENTS": "it bounds the work.",
     "halvings > 0": "it ends the search: without it a box that is not shown is cut for ever.",
+    "rate * each.times[-1] <= LONGEST": "it bounds the work: the weights would have to fall as far.",
     "left > 0": "it bounds the work.",
     "len(free) <= 12": "it bounds the work.",
 }

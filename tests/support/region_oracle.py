@@ -211,15 +211,19 @@ class Regions:
             raise ValueError("rows")
         if self.A is None:
             return alpha
-        P, (beta, kappa, size) = rational(e["P"]), (exact(e[name]) for name in ("beta", "kappa", "size"))
+        beta, kappa = exact(e["beta"]), exact(e["kappa"])
+        if self.false_observer(e) or kappa <= 0 or kappa * beta * min(v) <= 1:
+            raise ValueError("kappa")
+        return min(alpha, beta - 1 / (kappa * min(v)))
+
+    def false_observer(self, e: dict[str, Any]) -> list[str]:
+        """What is wrong with P, beta and size."""
+        P, (beta, size) = rational(e["P"]), (exact(e[name]) for name in ("beta", "size"))
         held = [P, diagonal([fmpq(size)] * P.nrows()) - P, -(self.F.transpose() * P + P * self.F + 2 * fmpq(beta) * P)]
         for c in self.C.tolist():
             held.append(P - rational([[str(x)] for x in c]) * rational([[str(x) for x in c]]))
-        if not all(positive(X, strict=k == 0) for k, X in enumerate(held)):
-            raise ValueError("P")
-        if min(beta, kappa, size) <= 0 or kappa * beta * min(v) <= 1:
-            raise ValueError("kappa")
-        return min(alpha, beta - 1 / (kappa * min(v)))
+        right = min(beta, size) > 0 and all(positive(X, strict=k == 0) for k, X in enumerate(held))
+        return [] if right else ["P"]
 
     def _separable(self, check: dict[str, Any], domain: str) -> list[str]:
         rate, wrong = self._holding(check["exact"], check["domain"], domain)

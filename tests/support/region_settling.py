@@ -1,6 +1,7 @@
-"""The oracle's part for the check ``settling``: every stage and every hand-over as the page states them.
+"""The oracle's part for the check ``settling``: the tube row by row, and what takes over, as the page states them.
 
-The stages themselves are looked at by the rows and by the quadratic part; exponentials by mpmath at 200 bits.
+Rows are sampled on every segment, in floats; certificates are looked at by the rows and by the quadratic part;
+exponentials by mpmath at 200 bits.
 """
 
 from __future__ import annotations
@@ -10,112 +11,124 @@ from itertools import pairwise
 from typing import Any
 
 import mpmath
-from region_curves import FINE, diagonal, exact, fmpq, mp, positive, rational, top
+import numpy as np
+from region_curves import FINE, curve, exact, fmpq, mp, positive, rational
 from region_quadratic import Quadratic, fraction
 
+PARTS = np.linspace(0, 1, 17)  # of a segment
+ROOM = 1e-9  # relative, what floats leave
 
-class Stage:
-    """One stage, its claim held by its own certificate; raises ValueError where that is not so."""
 
-    def __init__(self, regions: Any, stage: dict[str, Any]) -> None:
-        self.kind, self.own = stage["kind"], stage["certificate"]
-        for name in ("start", "level", "height", "noise", "stretch"):
-            setattr(self, name, exact(stage[name]))
-        self.diagonal = None if "diagonal" not in stage else [exact(x) for x in stage["diagonal"]]
-        self.factor = None if "factor" not in stage else exact(stage["factor"])
-        self.P = None if regions.A is None else rational(self.own["P"])
-        self.need(min(self.level, self.height, self.stretch) > 0 <= self.noise, "a number of a stage")
-        if self.kind == "max-separable":
-            self.v = regions.vector(self.own["v"])
-            self.rho = None if self.own["rho"] is None else exact(self.own["rho"])
-            self.rate = regions.rate_of(self.own, self.v)
-            self.beta = None if regions.A is None else exact(self.own["beta"])
-            self.kappa = None if regions.A is None else exact(self.own["kappa"])
-            self.need(self.height >= max(self.v), "height")
-        else:
-            self.need(self.kind == "quadratic", "kind")
-            self.quadratic = Quadratic(regions, self.own)
-            wrong = self.quadratic.false_certificate("global" if regions.all_linear() else "consensus")
-            self.need(not wrong, "; ".join(wrong))
-            self.rate = self.beta = exact(self.own["rate"])
-            inverse = self.quadratic.P_e.inv()
-            least = max(fraction(inverse[k, k]) for k in range(inverse.nrows()))
-            self.need(self.height**2 >= least, "height")
-        self.need(self.rate > 0, "rate")
+class Tube:
+    """The boxes, their times and the bound of |C eps_i|; raises ValueError where they are none."""
 
-    def need(self, holds: bool, what: str) -> None:
-        if not holds:
-            raise ValueError(what)
+    def __init__(self, regions: Any, own: dict[str, Any], s: Fraction) -> None:
+        self.regions, self.own = regions, own
+        self.times = [exact(t) for t in own["times"]]
+        self.faces = [[[exact(x) for x in box] for box in own[face]] for face in ("upper", "lower")]
+        sizes = {len(box) for face in self.faces for box in face}
+        counts = {len(self.times), *map(len, self.faces)}
+        if sizes != {regions.n} or len(counts) != 1 or not 1 <= len(self.times) <= 2000 or self.times[0] != 0:
+            raise ValueError("times or boxes")
+        if any(b <= a for a, b in pairwise(self.times)) or min(min(box) for face in self.faces for box in face) <= 0:
+            raise ValueError("times or boxes")
+        self.size = mpmath.mpf(0) if regions.A is None else mpmath.sqrt(mp(exact(own["size"]))) * mp(s)
+        self.beta = mpmath.mpf(0) if regions.A is None else mp(exact(own["beta"]))
+
+    def noise(self, t: Fraction) -> Any:
+        return self.size * mpmath.exp(-self.beta * mp(t))
+
+    def widths(self) -> list[Fraction]:
+        """Of the last box."""
+        return [max(pair) for pair in zip(self.faces[0][-1], self.faces[1][-1], strict=True)]
+
+    def false_rows(self) -> bool:
+        """Whether some sample of a row pushes a face outward faster than it moves."""
+        r, (upper, lower) = self.regions, (np.array(face, dtype=float) for face in self.faces)
+        held, times = np.array([float(r.held(i)) for i in range(r.n)]), np.array(self.times, dtype=float)
+        for k in range(len(times) - 1):
+            c = float(self.noise(self.times[k])) * np.exp(-float(self.beta) * PARTS * (times[k + 1] - times[k]))
+            for face, own, other in ((1, upper, lower), (-1, lower, upper)):
+                speed = [float((b - a) / (self.times[k + 1] - self.times[k])) for a, b in self._ends(k, face)]
+                u, low = ((1 - PARTS) * x[k][:, None] + PARTS * x[k + 1][:, None] for x in (own, other))
+                for arcs in r.modes.values():
+                    total = c - held[:, None] * u - np.array(speed)[:, None]
+                    size = np.abs(c) + held[:, None] * u + np.abs(np.array(speed))[:, None]
+                    for i, j, w in arcs:
+                        h = curve(r.h[i, j])
+                        turns = h.turns(2.0 * float(max(upper.max(), lower.max())))
+                        value = float(w) * h.highest(-(u[i] + low[j]), u[j] - u[i], face, turns)
+                        total[i] += value
+                        size[i] += np.abs(value)
+                    if not np.all(np.isfinite(total) & (total <= ROOM * size)):
+                        return True
+        return False
+
+    def _ends(self, k: int, face: int) -> Any:
+        own = self.faces[0 if face > 0 else 1]
+        return zip(own[k], own[k + 1], strict=True)
 
 
 def false_settling(regions: Any, check: dict[str, Any]) -> list[str]:
-    """What is not as the page says; ValueError for what a stage claims falsely."""
+    """What is not as the page says; ValueError for what cannot be read."""
     e, domain = check["exact"], check["domain"]
     R, s = (Fraction(repr(domain[name])) for name in ("radius", "disturbance"))
-    if check["rate"] is not None or domain["kind"] != "box" or not 1 <= len(e["stages"]) <= 100:
-        return ["rate, domain or stages"]
-    stages = [Stage(regions, each) for each in e["stages"]]
-    if stages[0].start != 0 or stages[0].stretch != 1 or not _first(regions, stages[0], R, s):
-        return ["the first stage"]
-    for k, (before, after) in enumerate(pairwise(stages)):
-        if not _handed_over(regions, before, after):
-            return [f"the hand-over to stage {k + 2}"]
-    last, time, tolerance = stages[-1], exact(e["time"]), exact(e["tolerance"])
-    left = mp(last.height * last.level) * mpmath.exp(-mp(last.rate * (time - last.start)))
-    return [] if time >= last.start and left <= mp(tolerance) * (1 + mp(FINE)) else ["the tolerance"]
+    if check["rate"] is not None or domain["kind"] != "box" or not isinstance(e["time"], str):
+        return ["rate, domain or time"]
+    tube, last = Tube(regions, e["tube"], s), e["last"]
+    if min(x for face in tube.faces for x in face[0]) < R:
+        return ["the first box"]
+    mixes = any(x for k in regions.gains.values() for c, row in enumerate(k) for d, x in enumerate(row) if c != d)
+    if mixes and tube.faces[0] != tube.faces[1]:
+        return ["faces"]
+    if regions.A is not None and (wrong := regions.false_observer(e["tube"])):
+        return wrong
+    if tube.false_rows():
+        return ["rows"]
+    level, height, stretch, time, tolerance = (
+        *(exact(last[name]) for name in ("level", "height", "stretch")),
+        *(exact(e[name]) for name in ("time", "tolerance")),
+    )
+    if min(level, height, stretch, tolerance) <= 0:
+        return ["a number"]
+    part = _separable if last["kind"] == "max-separable" else _quadratic
+    rate, wrong = part(regions, tube, last["certificate"], (level, height, stretch))
+    if wrong or rate <= 0 or last["kind"] not in ("max-separable", "quadratic"):
+        return [wrong or "rate or kind"]
+    left = mp(height * level) * mpmath.exp(-mp(rate * (time - tube.times[-1])))
+    return [] if time >= tube.times[-1] and left <= mp(tolerance) * (1 + mp(FINE)) else ["the tolerance"]
 
 
-def _first(regions: Any, stage: Stage, R: Fraction, s: Fraction) -> bool:
-    if stage.kind == "max-separable":
-        left = stage.level - R / min(stage.v)
-        if left < 0 or (stage.rho is not None and stage.level > stage.rho):
-            return False
-        size = Fraction(0) if stage.P is None else exact(stage.own["size"])
-        return (stage.kappa or 0) ** 2 * s**2 * size <= left**2 and stage.noise**2 >= size * s**2
-    most = mpmath.mpf(0) if stage.P is None else top(stage.P)
-    slack = 1 + mp(FINE)
-    taken = mp(R) ** 2 * mp(sum(stage.diagonal or [])) + regions.n * mp(s) ** 2 * most
-    limit = stage.quadratic.level
-    inside = limit is None or stage.level**2 <= limit
-    noisy = mp(s) ** 2 * most <= mp(stage.noise) ** 2 * slack
-    return bool(inside and _above(stage) and taken <= mp(stage.level) ** 2 * slack and noisy)
+def _separable(regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fraction, ...]) -> tuple[Fraction, str]:
+    (level, height, stretch), v = sizes, regions.vector(own["v"])
+    rate = regions.rate_of(own, v)
+    most = mp(max(x / y for x, y in zip(tube.widths(), v, strict=True)))
+    if regions.A is not None:
+        if rational(own["P"]) != rational(tube.own["P"]) or any(
+            exact(own[name]) != exact(tube.own[name]) for name in ("beta", "size")
+        ):
+            return rate, "another P"
+        most += mp(exact(own["kappa"])) * tube.noise(tube.times[-1])
+    inside = regions.all_linear() if own["rho"] is None else level <= exact(own["rho"])
+    if stretch != 1 or height < max(v) or not inside:
+        return rate, "stretch, height or rho"
+    return rate, "" if most <= mp(level) * (1 + mp(FINE)) else "the level"
 
 
-def _above(stage: Stage) -> bool:
-    return positive(diagonal(map(fmpq, stage.diagonal or [])) - stage.quadratic.P_e, strict=False)
-
-
-def _handed_over(regions: Any, before: Stage, after: Stage) -> bool:
-    T, slack = after.start - before.start, 1 + mp(FINE)
-    if T < 0 or (before.kind == "quadratic" and after.kind == "max-separable"):
-        return False
-    c = mp(before.level) * mpmath.exp(-mp(before.rate * T))
-    d, stretch = mpmath.mpf(0), mp(after.stretch)
-    if before.P is not None:
-        d = mp(before.noise) * mpmath.exp(-mp(before.beta * T))
-        stretched = positive(fmpq(after.stretch**2) * before.P - after.P, strict=False)
-        if not stretched or mp(after.noise) * slack < stretch * d:
-            return False
-    if after.kind == "max-separable":
-        g = max(x / y for x, y in zip(before.v, after.v, strict=True))
-        wanted = mp(g) * c
-        if after.rho is not None and wanted > mp(after.rho) * slack:
-            return False
-        if before.P is not None:
-            more = max(mpmath.mpf(0), mp(after.kappa) * stretch - mp(g * before.kappa))
-            wanted += more * min(d, c / mp(before.kappa))
-        return bool(wanted <= mp(after.level) * slack)
-    relied, radius = after.quadratic.relied(), after.quadratic.radius
-    if before.kind == "max-separable":
-        m, D = regions.m, after.diagonal or []
-        heights = [before.v[k // m] for k in range(regions.n * m)]
-        reach = max([Fraction(0), *(sum(x * abs(fraction(z[k, 0])) for k, x in enumerate(heights)) for z in relied)])
-        total = c**2 * sum(mp(x * h * h) for x, h in zip(D, heights, strict=True)) + regions.n * mp(after.noise) ** 2
-        inside = radius is None or c * mp(reach) <= mp(radius) * slack
-        return bool(inside and _above(after) and total <= mp(after.level) ** 2 * slack)
-    inverse, f = before.quadratic.P_e.inv(), after.factor or Fraction(0)
-    spread = max((fraction((z.transpose() * inverse * z)[0, 0]) for z in relied), default=Fraction(0))
-    inside = radius is None or c**2 * mp(spread) <= mp(radius) ** 2 * slack
-    most = mp(f) if before.P is None else max(mp(f), stretch**2)
-    above = positive(fmpq(f) * before.quadratic.P_e - after.quadratic.P_e, strict=False)
-    return bool(inside and above and most * c**2 <= mp(after.level) ** 2 * slack)
+def _quadratic(regions: Any, tube: Tube, own: dict[str, Any], sizes: tuple[Fraction, ...]) -> tuple[Fraction, str]:
+    (level, height, stretch), claim, n = sizes, Quadratic(regions, own), regions.n
+    wrong = claim.false_certificate("global" if regions.all_linear() else "consensus")
+    inverse, rows = claim.P_e.inv(), range(n * regions.m)
+    if wrong or height**2 < max(fraction(inverse[k, k]) for k in rows):
+        return claim.rate, "; ".join(wrong) or "height"
+    wide = [tube.widths()[k // regions.m] for k in rows]
+    most = mp(sum(abs(fraction(claim.P_e[a, b])) * wide[a] * wide[b] for a in rows for b in rows))
+    if claim.P is not None:
+        if not positive(fmpq(stretch**2) * rational(tube.own["P"]) - claim.P, strict=False):
+            return claim.rate, "stretch"
+        most += n * (mp(stretch) * tube.noise(tube.times[-1])) ** 2
+    if claim.radius is not None:
+        spread = max((fraction((z.transpose() * inverse * z)[0, 0]) for z in claim.relied()), default=Fraction(0))
+        if level**2 * spread > claim.radius**2:
+            return claim.rate, "the radius"
+    return claim.rate, "" if most <= mp(level) ** 2 * (1 + mp(FINE)) else "the level"

@@ -1,1 +1,1 @@
-"""Certificates that take over from each other, and settling times."""
+"""Boxes that move with time, the certificates that take over, and settling times."""

@@ -1,126 +1,165 @@
-"""The check `settling`: a proved chain of stages as what a certificate holds (docs/certificate-claims.md), and back.
-
-Also what the stages say about sampling and delays, one by one.
-"""
+"""The checks `settling` and `schedule` as a certificate holds them, and back (docs/certificate-claims.md)."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
-from typing import Final
+from typing import Any, Final
 
 from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
-from dobc_design.conditions.numbers import claimed, decimal_below, read_rational, rounded_down, vector_from_json
+from dobc_design.conditions.coverage import Asked as Region
+from dobc_design.conditions.numbers import claimed, decimal_below, follows, is_short, read_rational, vector_from_json
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import lure_from_json, names_of
-from dobc_design.conditions.schedule.claim import NUMBERS, ONE, QUADRATIC, SEPARABLE, ZERO, Stage, Staging
-from dobc_design.conditions.schedule.decide import Settling, proved_reason, verify_staging
+from dobc_design.conditions.schedule.claim import QUADRATIC, SEPARABLE, ZERO, Descent, Tube
+from dobc_design.conditions.schedule.cycles import Cycles, Weights, guarantee_in_words, holds_starts
+from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
+from dobc_design.conditions.schedule.decide import Settling, proved_reason, why_not
 from dobc_design.conditions.separable.checks import obstacle
-from dobc_design.conditions.separable.claim import DelayBound, SamplingBound, Separable, separable_from_json
-from dobc_design.conditions.separable.timing import largest_period, longest_delay
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, separable_from_json
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-MOST_STAGES: Final = 100
-KEPT: Final = Fraction(1, 2)  # of a stage's rate, which late messages are to leave
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StageTiming:
-    """What a stage allows once it has begun: how long values may be held, and how late messages may be.  ``delay``
-    leaves half of the stage's rate.  None where nothing is shown, as for every quadratic stage."""
-
-    sampling: SamplingBound | None = None
-    delay: DelayBound | None = None
+MOST_TIMES: Final = 2000
 
 
 def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, domain: str) -> Check:
     """Decide a settling time once more, for the decimals that its box domain shows; ``domain``: that of Lemma 1.
     PROVED or UNDECIDED."""
-    if settling.staging is None:
+    if settling.claim is None:
         return undecided_check("settling", domain, settling.reason)
     radius, disturbance = decimal_below(settling.radius), decimal_below(settling.disturbance)
     check = Check(
         id="settling",
         verdict=Verdict.PROVED,
         domain=starts_in("box", radius, disturbance),
-        reason=proved_reason(settling.staging),
-        claim=replace(settling.staging, radius=claimed(radius), disturbance=claimed(disturbance)),
+        reason=proved_reason(settling.claim),
+        claim=replace(settling.claim, radius=claimed(radius), disturbance=claimed(disturbance)),
     )
     wrong = confirm(check, problem, W, domain=domain)
     return check if wrong is None else undecided_check("settling", domain, wrong)
 
 
+def cycles_check(problem: Problem, W: Matrix | None, claim: Cycles, asked: Region) -> Check:
+    """The check of weights that move under a guarantee, decided once more as it is written."""
+    pace = "" if claim.rate is None else f", at least like exp(-{float(claim.rate):.4g} t)"
+    check = Check(
+        id="schedule",
+        verdict=Verdict.PROVED,
+        domain="global" if claim.rho is None else starts_in("box", asked.radius, asked.disturbance),
+        rate=None if claim.rate is None else decimal_below(claim.rate),
+        reason=f"for {guarantee_in_words(problem)}: every error decays{pace}.",
+        claim=claim,
+    )
+    wrong = confirm(check, problem, W, domain=asked.domain)
+    return check if wrong is None else undecided_check("schedule", asked.domain, wrong)
+
+
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything a proved ``settling`` claims is confirmed, else what is not; ``domain`` is not needed.  Raises
-    what a malformed claim raises."""
-    del domain  # of Lemma 1: a settling time is always about a box
+    """None if everything a proved check of this topic claims is confirmed, else what is not; ``domain``: that of Lemma
+    1.  Raises what a malformed claim raises."""
     if (reason := obstacle(problem, W)) is not None:
         return reason
+    if check.id == "schedule":
+        return _cycles_wrong(check, problem, W, domain)
     if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no rate and no witness"
-    answer = verify_staging(problem, W, read_claim(check, problem, W))
-    return None if answer.verdict is Verdict.PROVED else answer.reason
+    claim = read_claim(check, problem, W)
+    return why_not(problem, W, claim) if isinstance(claim, Descent) else "it is about something else"
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Staging:
+def _cycles_wrong(check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
+    claim = read_claim(check, problem, W)
+    if check.verdict is not Verdict.PROVED or check.witness is not None or not isinstance(claim, Cycles):
+        return "it can only be proved or undecided, and has no witness"
+    if claim.rate is None if check.rate is not None else claim.rate is not None:
+        return "it has a rate iff its claim has one"
+    if claim.rate is not None and not follows(check.rate, claim.rate):
+        return "its rate is not between 0 and that of its claim"
+    if claim.rho is None:
+        if check.domain != "global" or domain != "global":
+            return "without rho its domain is global, and so are the couplings"
+    else:
+        radius, disturbance = read_domain(check.domain, problem, kind="box")
+        if not holds_starts(problem, claim, radius=radius, disturbance=disturbance):
+            return "the box of starts is not in its region"
+    return why_not_cycles(problem, W, claim)
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cycles:
     """What a proved check claims, for this problem and the gain W (q, m).  Raises: KeyError, TypeError, ValueError,
     ShapeError or SpecError for anything that cannot be such a claim."""
+    if check.id == "schedule":
+        return _cycles_from_json(check.exact, problem)
     radius, disturbance = read_domain(check.domain, problem, kind="box")
-    values = read_object(check.exact, ("tolerance", "time", "stages"))
-    if not isinstance(values["stages"], list) or not 0 < len(values["stages"]) <= MOST_STAGES:
-        raise ValueError(f"stages must be a list of 1 to {MOST_STAGES} objects")
-    stages: list[Stage] = []
-    for row in values["stages"]:
-        stages.append(_stage_from_json(row, problem, W, stages[-1] if stages else None))
-    tolerance, time = read_rational(values["tolerance"]), read_rational(values["time"])
-    return Staging(stages=tuple(stages), radius=radius, disturbance=disturbance, tolerance=tolerance, time=time)
+    values = read_object(check.exact, ("tolerance", "time", "tube", "last"))
+    last = read_object(values["last"], ("kind", "level", "height", "stretch", "certificate"))
+    if last["kind"] not in (SEPARABLE, QUADRATIC):
+        raise ValueError(f"kind must be {SEPARABLE} or {QUADRATIC}")
+    certificate: Separable | Lure
+    if last["kind"] == QUADRATIC:
+        certificate = lure_from_json(read_object(last["certificate"], names_of(problem)), problem, W)
+    else:
+        certificate = separable_from_json(last["certificate"], problem)
+    return Descent(
+        tube=tube_from_json(values["tube"], problem),
+        certificate=certificate,
+        **{name: read_rational(last[name]) for name in ("level", "height", "stretch")},
+        radius=radius,
+        disturbance=disturbance,
+        tolerance=read_rational(values["tolerance"]),
+        time=read_rational(values["time"]),
+    )
 
 
-def settling_of(problem: Problem, staging: Staging, reason: str) -> Settling:
+def tube_from_json(data: object, problem: Problem) -> Tube:
+    """Read ``Tube.to_json`` back for this problem; raises as ``read_claim``."""
+    values = read_object(data, ("times", "upper", "lower", *(("P", "beta", "size") if problem.groups else ())))
+    if not all(
+        isinstance(values[name], list) and len(values[name]) <= MOST_TIMES for name in ("times", "upper", "lower")
+    ):
+        raise ValueError(f"times, upper and lower must be lists of at most {MOST_TIMES}")
+    error = _error_from_json(values, problem, kappa=ZERO)
+    upper, lower = (
+        tuple(tuple(vector_from_json(box, problem.n)) for box in values[name]) for name in ("upper", "lower")
+    )
+    times = tuple(read_rational(x) for x in values["times"])
+    return Tube(times=times, upper=upper, lower=lower, error=error)
+
+
+def _error_from_json(values: Mapping[str, Any], problem: Problem, *, kappa: Fraction) -> ErrorBound | None:
+    if not problem.groups:
+        return None
+    P = tuple(tuple(read_rational(entry) for entry in row) for row in values["P"])
+    if not is_short(P):
+        raise ValueError("P needs too long a common denominator")
+    return ErrorBound(P=P, beta=read_rational(values["beta"]), kappa=kappa, size=read_rational(values["size"]))
+
+
+def _cycles_from_json(data: object, problem: Problem) -> Cycles:
+    values = read_object(data, ("rate", "rho", "phases", *(("P", "beta", "kappa", "size") if problem.groups else ())))
+    phases = list[Weights]()
+    for each in values["phases"]:
+        one = read_object(each, ("times", "v"))
+        if not all(isinstance(one[name], list) and len(one[name]) <= MOST_TIMES for name in ("times", "v")):
+            raise ValueError(f"times and v must be lists of at most {MOST_TIMES}")
+        v = tuple(tuple(vector_from_json(weights, problem.n)) for weights in one["v"])
+        phases.append(Weights(times=tuple(read_rational(x) for x in one["times"]), v=v))
+    kappa = read_rational(values["kappa"]) if problem.groups else ZERO
+    rate, rho = (None if values[name] is None else read_rational(values[name]) for name in ("rate", "rho"))
+    return Cycles(phases=tuple(phases), rate=rate, rho=rho, error=_error_from_json(values, problem, kappa=kappa))
+
+
+def settling_of(problem: Problem, claim: Descent, reason: str) -> Settling:
     """The settling time and the envelope of a proved claim, which is taken as it is; ``confirm`` decides it."""
     return Settling(
         verdict=Verdict.PROVED,
         reason=reason,
         problem_name=problem.name,
-        radius=staging.radius,
-        disturbance=staging.disturbance,
-        tolerance=staging.tolerance,
-        staging=staging,
+        radius=claim.radius,
+        disturbance=claim.disturbance,
+        tolerance=claim.tolerance,
+        claim=claim,
     )
-
-
-def stage_timings(problem: Problem, settling: Settling) -> tuple[StageTiming, ...]:
-    """Sampling and delays stage by stage, each proved for a loop that is in the stage's box and stays there."""
-    timings = []
-    for claim in (stage.certificate for stage in settling.stages):
-        if isinstance(claim, Separable):
-            fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
-            delay = longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4))
-            timings.append(StageTiming(sampling=largest_period(problem, claim), delay=delay))
-        else:
-            timings.append(StageTiming())
-    return tuple(timings)
-
-
-def _stage_from_json(row: object, problem: Problem, W: Matrix | None, before: Stage | None) -> Stage:
-    quadratic = isinstance(row, Mapping) and row.get("kind") == QUADRATIC
-    last = () if not quadratic else ("factor",) if before is not None and before.is_quadratic else ("diagonal",)
-    values = read_object(row, ("kind", *NUMBERS, "certificate", *last))
-    if values["kind"] not in {SEPARABLE, QUADRATIC}:
-        raise ValueError(f"kind must be {SEPARABLE} or {QUADRATIC}")
-    numbers = {name: read_rational(values[name]) for name in NUMBERS}
-    if before is None and numbers["stretch"] != ONE:
-        raise ValueError("the first stage has no stage before: its stretch is 1")
-    if not problem.groups and (numbers["noise"] != ZERO or numbers["stretch"] != ONE):
-        raise ValueError("without an exosystem noise is 0 and stretch 1")
-    certificate: Separable | Lure
-    if quadratic:
-        certificate = lure_from_json(read_object(values["certificate"], names_of(problem)), problem, W)
-    else:
-        certificate = separable_from_json(values["certificate"], problem)
-    diagonal = tuple(vector_from_json(values["diagonal"], problem.n * problem.m)) if "diagonal" in values else None
-    factor = read_rational(values["factor"]) if "factor" in values else None
-    return Stage(certificate=certificate, **numbers, diagonal=diagonal, factor=factor)

@@ -1,22 +1,12 @@
-"""Staging: certificates that take over from each other as the error shrinks (theory, section 5).
+"""Tubes: boxes that move with time and hold every run (theory, section 11), and the certificate that takes over.
 
-Stage k has a certificate with a size W_k: N + kappa E of a max-separable one, sqrt(e'P_e e + sum eps_i'P eps_i) of a
-quadratic one.  W_k decays at the rate r_k wherever its guard holds: N <= rho, or |e_j - e_i| <= radius on the arcs.
+Claim: -lower(t) <= e(t) <= upper(t) on [0, T], linear between the times, from every start |e|_inf <= radius and
+|eps_i| <= disturbance, whatever modes are on; |C eps_i(t)| <= sqrt(size) disturbance exp(-beta t).  At T the box lies
+in {W <= level} of a certificate near the target, whose size W decays from there on; |e|_inf <= height W.
 
-Claim: W_k(t) <= a_k exp(-r_k (t - t_k)) for all t >= t_k, so |e(t)|_inf <= height_k W_k(t), for every switching signal.
-
-Proof.  {W_0 <= a_0} holds the starts and lies in the guard of the first stage, so it is invariant.  Let c be the bound
-of W_k at t_(k+1).  If {W_k <= c} lies in the guard of stage k+1, that guard holds from then on, because W_k only falls;
-so W_(k+1) decays from the largest value that it can have where W_k <= c and the observer errors are as small as known.
-
-These evolve on their own, eps_i' = (A - WC) eps_i: b_k exp(-beta_k (t - t_k)) bounds E_k = max_i sqrt(eps_i'P_k eps_i),
-and with P_(k+1) <= l^2 P_k, E_(k+1) <= l E_k.  Where W_k <= c and E_k <= d:
-
-    N' <= g N, g = max_i v_i/v'_i:  N' + kappa' E' <= g c + max(0, kappa' l - g kappa) min(d, c/kappa)
-    |e_i| <= c v_i, P_e <= diag(D): e'P_e e + sum eps_i'P' eps_i <= c^2 sum D_i v_i^2 + n (l d)^2
-    P_e' <= f P_e:                  e'P_e' e + sum eps_i'P' eps_i <= max(f, l^2) c^2
-
-(the first because N <= c - kappa E, so that the sum is at most g (c - kappa x) + kappa' l x for some x <= d, c/kappa).
+Proof.  The box is subtangential: on a face that e_i touches, its derivative is no larger than that of the face, by the
+rows.  Where the certificate is max-separable, W = N + kappa E with the P of the tube; where it is quadratic, W^2 =
+e'P_e e + sum eps_i'P' eps_i <= sum |P_e|_kl b_k b_l + n stretch^2 E^2 for |e| <= b and P' <= stretch^2 P.
 """
 
 from __future__ import annotations
@@ -28,103 +18,101 @@ from typing import Any
 from dobc_design._show.cards import Card, Shown
 from dobc_design.conditions.numbers import vector_to_json
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Vector
-from dobc_design.exact.number import float_above, number_text
+from dobc_design.exact.number import number_text
+from dobc_design.problem.canonical import matrix_text
+from dobc_design.problem.problem import Problem
 
 SEPARABLE, QUADRATIC = "max-separable", "quadratic"
 ZERO, ONE = Fraction(0), Fraction(1)
-#: What every stage claims.
-NUMBERS = ("start", "level", "height", "noise", "stretch")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Stage(Shown):
-    """A claim: from ``start`` (s) on W <= level exp(-rate (t - start)), W the size of the certificate.
+class Tube(Shown):
+    """Boxes -lower <= e <= upper at ``times`` (s) from 0 on, linear in between; one entry > 0 per agent, for each of
+    its components.  ``error``: P, beta and size of the observer (kappa is not used); None without an exosystem.
+    Raises: SpecError unless times rise from 0 and boxes are as many as times and not empty."""
 
-    ``height``: |e|_inf <= height W.  ``noise``: max_i sqrt(eps_i'P eps_i) <= noise at ``start``; 0 without an
-    exosystem.  ``stretch`` l: P <= l^2 (P of the stage before).  Of quadratic stages only: ``factor`` f with
-    P_e <= f (P_e of the stage before) where that is quadratic too, else ``diagonal`` (n m) with P_e <= diag(diagonal).
-    Raises: SpecError unless start, noise >= 0, level, height, stretch > 0, and each kind has its own numbers.
-    """
-
-    certificate: Separable | Lure
-    start: Fraction
-    level: Fraction
-    height: Fraction
-    noise: Fraction = ZERO
-    stretch: Fraction = ONE
-    diagonal: Vector | None = None
-    factor: Fraction | None = None
+    times: Vector
+    upper: tuple[Vector, ...]
+    lower: tuple[Vector, ...]
+    error: ErrorBound | None = None
 
     def __post_init__(self) -> None:
-        for name in ("start", "noise"):
-            if getattr(self, name) < 0:
-                raise SpecError(f"{name} of a stage must be >= 0.", key=name)
-        for name in ("level", "height", "stretch", "factor"):
-            value = getattr(self, name)
-            if value is not None and value <= 0:
-                raise SpecError(f"{name} of a stage must be > 0.", key=name)
-        if self.is_quadratic is (self.diagonal is None and self.factor is None) or (self.diagonal and self.factor):
-            raise SpecError("a quadratic stage has either a diagonal or a factor, others have neither.", key="diagonal")
+        if not self.times or self.times[0] or any(b <= a for a, b in zip(self.times, self.times[1:], strict=False)):
+            raise SpecError("times must rise from 0.", key="times")
+        if not len(self.times) == len(self.upper) == len(self.lower):
+            raise SpecError("there must be one box for each time.", key="upper")
+        if min(x for face in (self.upper, self.lower) for box in face for x in box) <= 0:
+            raise SpecError("boxes must have entries > 0.", key="upper")
 
-    def _card(self) -> Card:
-        facts = [(name, repr(float_above(getattr(self, name)))) for name in NUMBERS[:-1]]
-        return Card(title="Stage", text=QUADRATIC if self.is_quadratic else SEPARABLE, facts=facts)
-
-    def __repr__(self) -> str:
-        return f"<Stage {self._card().text} from {float(self.start):.6g} s>"
+    @classmethod
+    def start(cls, problem: Problem, radius: Fraction, error: ErrorBound | None) -> Tube:
+        """The box of all starts, from which a certificate takes over at once."""
+        box = (radius,) * problem.n
+        return cls(times=(ZERO,), upper=(box,), lower=(box,), error=error)
 
     @property
-    def is_quadratic(self) -> bool:
-        return isinstance(self.certificate, Lure)
+    def ends(self) -> Fraction:
+        """Its last time, in s."""
+        return self.times[-1]
+
+    def widths(self, k: int) -> Vector:
+        """The larger of upper and lower of every agent at the k-th time."""
+        return tuple(map(max, self.upper[k], self.lower[k]))
+
+    def _card(self) -> Card:
+        return Card(
+            title="Tube", facts=[("until", f"{float(self.ends):.6g} s"), ("segments", str(len(self.times) - 1))]
+        )
 
     def to_json(self) -> dict[str, Any]:
-        values: dict[str, Any] = {"kind": QUADRATIC if self.is_quadratic else SEPARABLE}
-        values |= {name: number_text(getattr(self, name)) for name in NUMBERS}
-        if self.diagonal is not None:
-            values["diagonal"] = vector_to_json(self.diagonal)
-        if self.factor is not None:
-            values["factor"] = number_text(self.factor)
-        return values | {"certificate": self.certificate.to_json()}
+        values: dict[str, Any] = {"times": vector_to_json(self.times)}
+        values |= {"upper": [vector_to_json(box) for box in self.upper]}
+        values |= {"lower": [vector_to_json(box) for box in self.lower]}
+        if self.error is not None:
+            values |= {"P": matrix_text(self.error.P), "beta": number_text(self.error.beta)}
+            values["size"] = number_text(self.error.size)
+        return values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Staging:
-    """A claim: from |e|_inf <= radius, |eps_i| <= disturbance, |e(t)|_inf <= tolerance for all t >= time (s).  The
-    stages are in the order in which they begin, the first at 0.  A quadratic one is never followed by a max-separable
-    one.  Raises: SpecError for anything else, or unless radius, tolerance > 0 and disturbance >= 0."""
+class Descent:
+    """A claim: from |e|_inf <= radius, |eps_i| <= disturbance, |e(t)|_inf <= tolerance for all t >= time (s): by a
+    tube, and from its end on by a ``certificate`` with ``level``, ``height`` and ``stretch`` as above (stretch 1 unless
+    it is quadratic).  Raises: SpecError unless all are > 0 (disturbance >= 0) and time is not before that end."""
 
-    stages: tuple[Stage, ...]
+    tube: Tube
+    certificate: Separable | Lure
+    level: Fraction
+    height: Fraction
+    stretch: Fraction = ONE
     radius: Fraction
     disturbance: Fraction
     tolerance: Fraction
     time: Fraction
 
     def __post_init__(self) -> None:
-        if not self.stages or self.stages[0].start:
-            raise SpecError("there must be at least one stage, and the first must start at 0.", key="stages")
-        for before, after in zip(self.stages, self.stages[1:], strict=False):
-            if after.start < before.start:
-                raise SpecError("stages must be in the order of their starts.", key="stages")
-            if before.is_quadratic and not after.is_quadratic:
-                raise SpecError("no max-separable stage may follow a quadratic one.", key="stages")
-            if (after.factor is None) is before.is_quadratic:
-                raise SpecError("factor belongs to a quadratic stage that follows a quadratic one.", key="factor")
-        if self.stages[0].factor is not None:
-            raise SpecError("the first stage follows no other, so it has no factor.", key="factor")
-        for name in ("radius", "tolerance"):
+        for name in ("level", "height", "stretch", "radius", "tolerance"):
             if getattr(self, name) <= 0:
                 raise SpecError(f"{name} must be > 0.", key=name)
         if self.disturbance < 0:
             raise SpecError("disturbance must be >= 0.", key="disturbance")
-        if self.time < self.stages[-1].start:
-            raise SpecError("time must not lie before the last stage.", key="time")
+        if self.time < self.tube.ends:
+            raise SpecError("time must not lie before the end of the tube.", key="time")
+
+    @property
+    def is_quadratic(self) -> bool:
+        return isinstance(self.certificate, Lure)
 
     def to_json(self) -> dict[str, Any]:
+        last: dict[str, Any] = {"kind": QUADRATIC if self.is_quadratic else SEPARABLE}
+        last |= {name: number_text(getattr(self, name)) for name in ("level", "height", "stretch")}
         return {
             "tolerance": number_text(self.tolerance),
             "time": number_text(self.time),
-            "stages": [stage.to_json() for stage in self.stages],
+            "tube": self.tube.to_json(),
+            "last": last | {"certificate": self.certificate.to_json()},
         }

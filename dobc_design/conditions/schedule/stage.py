@@ -1,63 +1,55 @@
-"""A settling time: what is asked for, the stages that are proposed for it, and the check `settling`.
+"""A settling time: what is asked for, the moving box and the certificate proposed for it, and the check `settling`.
 
-Theory, section 5, Staging.  Numbers are rounded to the safe side here, so that the chain holds; whether it does is
-decided by ``decide`` alone.
+Theory, section 11.  Numbers are rounded to the safe side here; whether the claim holds is decided by ``decide`` alone.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
-from itertools import chain, product
+from functools import partial
+from itertools import chain, islice
 from typing import Any, Final
 
 from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.consensus.propose import decay_rate
+from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.coverage import Progress, asked_radius
-from dobc_design.conditions.numbers import claimed, decimal_above, rounded_down, rounded_up
+from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, verify_lure
-from dobc_design.conditions.schedule import decide, propose
-from dobc_design.conditions.schedule.checks import settling_check
-from dobc_design.conditions.schedule.claim import ONE, ZERO, Stage, Staging
+from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
+from dobc_design.conditions.schedule import decide, propose, propose_cycles
+from dobc_design.conditions.schedule.checks import cycles_check, settling_check
+from dobc_design.conditions.schedule.claim import ONE, ZERO, Descent, Tube
+from dobc_design.conditions.schedule.cycles import Cycles, guarantee_in_words, holds_starts, phases_of, unreached_cycles
+from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.propose import Asked
 from dobc_design.conditions.separable.checks import obstacle
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
-from dobc_design.conditions.separable.decide import largest_rate
-from dobc_design.conditions.separable.propose import SeparablePlan, design_separable, first_certificate, flatter_plans
+from dobc_design.conditions.separable.claim import Separable, acts_by_component
+from dobc_design.conditions.separable.propose import design_separable, first_certificate, flatter_plans
+from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, log, sqrt
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 logger = logging.getLogger("dobc_design")
 
-#: Agents times state components up to which stages are looked for: quadratic ones are dense.
+#: Agents times state components up to which settling times are looked for.
 MOST_ROWS: Final = 100
 #: A start counts as settled, where no tolerance is named, when every |e_ic| is below this part of the radius.
 SETTLED: Final = Fraction(1, 100)
-RADII: Final = (0.03, 0.08, 0.16, 0.25)  # of quadratic stages, as parts of the first level
-LONGER: Final = Fraction(3, 1000)  # a settling time, for every further stage: short chains are worth that
-ROOM: Final = Fraction(9999, 10000)  # of a rate, so that simpler enclosures confirm it too
-DIGITS: Final = 10  # of levels, noises and factors
+DIGITS: Final = 10  # of levels and roots
 EXTRA: Final = Fraction(1, 10**9)  # added to them, for whoever encloses exp more widely
-SMALLEST: Final = Fraction(1, 10**300)  # of them, unless they are 0
-TIMES: Final = 10**4  # hand-overs and settling times have four decimals
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
-    """Starts |e|_inf <= radius, |eps_i| <= disturbance, and the tolerance to be kept from some time on."""
-
-    radius: Fraction
-    disturbance: Fraction
-    tolerance: Fraction
+SMALLEST: Final = Fraction(1, 10**300)
+TIMES: Final = 10**4  # settling times have four decimals
 
 
 def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbance: Any = None) -> Asked:
@@ -94,10 +86,7 @@ def asked_beside(problem: Problem, checks: Sequence[Check], *, tolerance: Fracti
     region asked for, or where a max-separable proof reaches less far, or no region is asked for, its box.  Without a
     ``tolerance`` it is a hundredth of the radius."""
     found, box = next((check for check in checks if check.id == "max-separable"), None), None
-    if found is not None and found.verdict is not Verdict.PROVED:
-        prefix = "" if found.applies else "does not apply: "
-        return f"{prefix}stages begin with a max-separable certificate, and there is none."
-    if found is not None and isinstance(found.domain, Mapping):
+    if found is not None and found.verdict is Verdict.PROVED and isinstance(found.domain, Mapping):
         box = claimed(found.domain["radius"]), claimed(found.domain["disturbance"])
     if problem.region is not None:
         error = problem.region.initial_disturbance or ZERO
@@ -113,25 +102,27 @@ def asked_beside(problem: Problem, checks: Sequence[Check], *, tolerance: Fracti
 
 def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progress) -> Settling:
     """Find and prove a settling time for the starts asked for, with the gain W (q, m); None without an exosystem.
-    PROVED by ``verify_staging``, or UNDECIDED with the reason."""
+    PROVED by ``decide``, or UNDECIDED with the reason."""
     best = single = None
     starts = f"from |e|_inf <= {float(asked.radius):.6g} and |eps_i| <= {float(asked.disturbance):.6g}"
     if not acts_by_component(problem):
-        needs = "a max-separable certificate, which needs couplings that act on each state component by itself"
-        reason = f"does not apply: stages begin with {needs}."
+        reason = "does not apply: boxes need couplings that act on each state component by itself."
     else:
         progress("looking for a certificate of the whole box")
         plan = design_separable(problem, radius=asked.radius, disturbance=asked.disturbance, W=W)
         plans = () if plan is None else chain((plan,), flatter_plans(problem, plan))
         proofs = (first_certificate(problem, W, each) for each in plans)
         whole = next((found for found in proofs if found is not None), None)
-        reason = f"no max-separable certificate was found {starts}. Try a smaller radius or disturbance, or more pins."
-        if plan is not None and whole is not None:
-            goal = Goal(problem=problem, W=W, asked=asked)
-            single = goal.proved([goal.first(whole)])
-            chains = [each for each in (single, *_staged(goal, plan, progress)) if each is not None]
-            best = min(chains, key=lambda each: each.time, default=None)
-            reason = "a certificate of the whole box was found, but no settling time was proved."
+        if whole is not None:
+            single = _proved(problem, W, asked, Tube.start(problem, asked.radius, whole.error), whole)
+        progress("following the box of all starts")
+        found = propose.approach(problem, W, asked, limit=None if single is None else float(single.time))
+        if found is not None:
+            progress("deciding the moving box")
+            best = _proved(problem, W, asked, *found)
+        if best is None or (single is not None and single.time <= best.time):
+            best = single
+        reason = f"no moving box was found {starts}. Try a smaller radius or disturbance, or more pins."
     return Settling(
         verdict=Verdict.UNDECIDED if best is None else Verdict.PROVED,
         reason=reason if best is None else f"{starts}, {decide.proved_reason(best)}",
@@ -139,120 +130,49 @@ def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progre
         radius=asked.radius,
         disturbance=asked.disturbance,
         tolerance=asked.tolerance,
-        staging=best,
+        claim=best,
         single=single,
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Goal:
-    """What is asked, and how stages are joined so that it holds: levels up, times up, rates down."""
-
-    problem: Problem
-    W: Matrix | None
-    asked: Asked
-
-    def first(self, claim: Separable) -> Stage:
-        """The stage that begins at 0 with all starts."""
-        noise, level = ZERO, self.asked.radius / claim.least
-        if claim.error is not None:
-            noise = _up(sqrt(Interval.point(claim.error.size)).hi * self.asked.disturbance)
-            level += claim.error.kappa * noise
-        level = claim.rho or _up(level)  # without a rho, couplings are linear and every level will do
-        return Stage(certificate=claim, start=ZERO, level=level, height=max(claim.v), noise=noise)
-
-    def following(self, before: Stage, certificate: Separable | Lure) -> Stage:
-        """The stage that takes over as soon as its guard is known to hold."""
-        problem, old, new = self.problem, before.certificate, certificate
-        height = max(new.v) if isinstance(new, Separable) else _root_above(max(diagonal_of_inverse(new.P_e)))
-        diagonal = factor = None
-        if isinstance(old, Lure) and isinstance(new, Lure):
-            factor = propose.relative_bound(new.P_e, old.P_e)
-        elif isinstance(old, Separable) and isinstance(new, Lure):  # D for the box {N <= 1}, row by row of e
-            diagonal = propose.matching_diagonal(new.P_e, tuple(x for x in old.v for _ in range(problem.m)))
-        observer, next_, stretch = decide.observer_matrix(old), decide.observer_matrix(new), ONE
-        if observer is not None and next_ is not None and observer != next_:  # P <= stretch^2 (the old P)
-            pair = (SparseSymmetric.from_dense(next_), SparseSymmetric.from_dense(observer))
-            stretch = _root_above(propose.relative_bound(*pair))
-        draft = Stage(
-            certificate=new,
-            start=before.start,
-            level=ONE,
-            height=height,
-            diagonal=diagonal,
-            factor=factor,
-            stretch=stretch,
-        )
-        limits = [r / sqrt(Interval.point(a)).hi for a, r in decide.guard_limits(problem, before, draft) if a]
-        draft = replace(draft, start=_when(before, min(limits, default=before.level)))
-        draft = replace(draft, noise=_up(decide.noise_left(before, draft.start).hi * draft.stretch))
-        level = decide.next_level(problem, before, draft)
-        return replace(draft, level=_up((sqrt(level) if draft.is_quadratic else level).hi))
-
-    def time(self, stages: Sequence[Stage]) -> Fraction:
-        """The settling time (s) of a chain."""
-        return _when(stages[-1], self.asked.tolerance / stages[-1].height)
-
-    def proved(self, stages: Sequence[Stage]) -> Staging | None:
-        """The chain with its settling time, if ``verify_staging`` proves it."""
-        asked = {"radius": self.asked.radius, "disturbance": self.asked.disturbance, "tolerance": self.asked.tolerance}
-        staging = Staging(stages=tuple(stages), time=self.time(stages), **asked)
-        return staging if decide.verify_staging(self.problem, self.W, staging).verdict is Verdict.PROVED else None
-
-
-def _staged(goal: Goal, plan: SeparablePlan, progress: Progress) -> list[Staging | None]:
-    """The quickest chain with quadratic stages, and that without them; None for one that is not proved."""
-    problem = goal.problem
-    progress("looking for quadratic stages")
-    quadratics = propose.propose_quadratic_stages(
-        problem,
-        W=goal.W,
-        holds=lambda lure: verify_lure(problem, lure).verdict is Verdict.PROVED,
-        radii=[part * float(plan.rho) for part in RADII],
-        slowest=plan.rate,
+def _proved(
+    problem: Problem, W: Matrix | None, asked: Asked, tube: Tube, certificate: Separable | Lure
+) -> Descent | None:
+    """The claim of a tube and the certificate that takes over, levels and times rounded up, if it is proved."""
+    height = max(certificate.v) if isinstance(certificate, Separable) else ZERO
+    stretch = ONE
+    if isinstance(certificate, Lure):
+        height = _root_above(max(diagonal_of_inverse(certificate.P_e)))
+        if certificate.P is not None and tube.error is not None:
+            stretch = _root_above(propose.relative_bound(certificate.P, tube.error.P))
+    draft = Descent(
+        tube=tube,
+        certificate=certificate,
+        level=ONE,
+        height=height,
+        stretch=stretch,
+        radius=asked.radius,
+        disturbance=asked.disturbance,
+        tolerance=asked.tolerance,
+        time=tube.ends,
     )
-    progress("choosing the stages")
-    stages: list[Stage] = []
-    fastest = math.inf if plan.error is None else float(propose.SHARE * plan.error.beta)
-    for v, rho in propose.plan_stages(problem, rho=plan.rho, tolerance=goal.asked.tolerance, fastest=fastest):
-        claim = _claim(problem, v, rho, plan.error, first=not stages)
-        if claim is not None:  # one that is not proved is left out
-            stages.append(goal.following(stages[-1], claim) if stages else goal.first(claim))
-        elif not stages:
-            return []
-    if not stages:
-        return []
-    chains = [stages]
-    for count, first in product(range(1, len(stages) + 1), range(len(quadratics))):
-        joined = stages[:count]
-        for lure in quadratics[first::-1]:  # the largest radius first
-            joined.append(goal.following(joined[-1], lure))
-        chains.append(joined)
-    progress("deciding the hand-overs")
-    quickest = min(chains, key=lambda each: goal.time(each) * (1 + LONGER) ** len(each))
-    return [goal.proved(each) for each in ([quickest] if quickest is stages else [quickest, stages])]
-
-
-def _claim(problem: Problem, v: Vector, level: Fraction, error: ErrorBound | None, *, first: bool) -> Separable | None:
-    """A planned vector with the rate that is proved for it, and a kappa that lets V have that rate."""
-    rho = None if problem.is_linear else level
-    alpha = largest_rate(problem, v, rho=rho)
-    if alpha is None:
+    found = decide.level_at_the_end(problem, draft)
+    level = _up((sqrt(found) if draft.is_quadratic else found).hi)
+    if isinstance(certificate, Separable) and certificate.rho is not None:
+        level = min(level, certificate.rho)  # the whole box may fill the level set exactly
+    draft = replace(draft, level=level)
+    if decide.rate_near(certificate) <= 0:
         return None
-    alpha = rounded_down(alpha * ROOM, digits=6)
-    if error is not None and not first:
-        rate = min(alpha, propose.SHARE * error.beta)
-        kappa = Fraction(math.ceil(10**6 / ((error.beta - rate) * min(v))), 10**6)
-        error = replace(error, kappa=kappa)
-    return Separable(v=v, alpha=alpha, rho=rho, error=error)
+    claim = replace(draft, time=_when(draft, asked.tolerance / height))
+    return claim if decide.why_not(problem, W, claim) is None else None
 
 
-def _when(stage: Stage, size: Fraction) -> Fraction:
-    """A time (s) from which on the stage's size is at most ``size``."""
-    if size >= stage.level:
-        return stage.start
-    wait = log(Interval.point(stage.level / size)).hi / decide.stage_rate(stage.certificate)
-    return Fraction(math.ceil((stage.start + wait) * TIMES) + 1, TIMES)  # one more, for wider enclosures of log
+def _when(claim: Descent, size: Fraction) -> Fraction:
+    """A time (s) from which on the size of the certificate is at most ``size``."""
+    if size >= claim.level:
+        return claim.tube.ends
+    wait = log(Interval.point(claim.level / size)).hi / decide.rate_near(claim.certificate)
+    return Fraction(math.ceil((claim.tube.ends + wait) * TIMES) + 1, TIMES)  # one more, for wider enclosures of log
 
 
 def _root_above(value: Fraction) -> Fraction:
@@ -261,9 +181,7 @@ def _root_above(value: Fraction) -> Fraction:
 
 def _up(value: Fraction) -> Fraction:
     """DIGITS significant digits, not below a value > 0."""
-    if value <= 0:
-        return ZERO
-    return rounded_up(max(value * (1 + EXTRA), SMALLEST), digits=DIGITS)
+    return rounded_up(max(value * (1 + EXTRA), SMALLEST), digits=DIGITS) if value > 0 else ZERO
 
 
 def settling_stage(
@@ -297,3 +215,51 @@ def settling_stage(
         logger.warning("no settling time: %s", error)
         return undecided_check("settling", domain, "no settling time is found: a numerical library broke down.")
     return settling_check(problem, W, found, domain=domain)
+
+
+def schedule_stage(asked: Region, report: Progress) -> list[Check]:
+    """The check `schedule`, where [switching] has a guarantee; PROVED or UNDECIDED."""
+    problem, W = asked.problem, asked.W
+    if not phases_of(problem):
+        return []
+    undecided = partial(undecided_check, "schedule", asked.domain)
+    if (reason := obstacle(problem, W)) is not None:
+        return [undecided(reason)]
+    report("following the weights from mode to mode")
+    try:
+        with at_most(STAGE):
+            spend(0)
+            claims = list(islice(_cycles(problem, W, asked), 1))
+    except WorkLimitError as limit:
+        return [undecided(str(limit))]
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        logger.warning("no weights under the guarantee: %s", error)
+        return [undecided("no weights are found: a numerical library broke down.")]
+    if not claims:
+        missed = next(unreached_cycles(problem, phases_of(problem)), None)
+        reason = f"no weights are found that fall for {guarantee_in_words(problem)}."
+        if missed is not None:
+            reason = f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
+        return [undecided(reason)]
+    return [cycles_check(problem, W, claims[0], asked)]
+
+
+def _cycles(problem: Problem, W: Matrix | None, asked: Region) -> Iterator[Cycles]:
+    """Claims that are proved and hold the starts asked for: with weights and a rate, else by the graphs alone."""
+    radius, disturbance = claimed(asked.radius), claimed(asked.disturbance)
+    error, exosystem, linear = None, problem.joint_exosystem, problem.is_linear
+    if exosystem is not None:
+        error = (
+            None if W is None else propose_error_bound(exosystem, W, rate=propose.OBSERVER * decay_rate(exosystem, W))
+        )
+        if error is None:
+            return
+        error = replace(error, kappa=Fraction(math.ceil(10**6 / error.beta), 10**6))
+    noise = ZERO if error is None else error.kappa * _root_above(error.size) * disturbance
+    if problem.n * problem.m <= MOST_ROWS:
+        for claim in propose_cycles.propose(problem, W, rho=None if linear else radius + 2 * noise, error=error):
+            if holds_starts(problem, claim, radius=radius, disturbance=disturbance):
+                yield claim
+    claim = Cycles(phases=(), rate=None, rho=None if linear else _up(radius + noise), error=error)
+    if why_not_cycles(problem, W, claim) is None:
+        yield claim

@@ -281,38 +281,64 @@ class Kinds:
     turning: Mapping[tuple[int, int], Turning]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """All arcs in the order of their rows; agent i of the k-th mode has row k n + i.  ``rows``, ``speakers``,
+    ``kinds``: of each arc; ``start`` and ``weights`` as in ArcRows."""
+
+    rows: Any
+    speakers: Any
+    start: Any
+    kinds: Any
+    weights: tuple[Array, Array] | None
+
+
+def arc_layout(problem: Problem, *, modes: Sequence[str] | None = None, errors: Errors = EXACT) -> Layout:
+    """Order the arcs of the given modes (default: all) by row."""
+    chosen = problem.network.modes if modes is None else modes
+    graphs = tuple(problem.network.modes[mode] for mode in chosen)
+    listeners = _stacked([arcs.listeners + k * problem.n if k else arcs.listeners for k, arcs in enumerate(graphs)])
+    in_order = bool(np.all(np.diff(listeners) >= 0))
+    order = slice(None) if in_order else np.argsort(listeners, kind="stable")
+    listeners = listeners[order]
+    weights = None
+    if errors.weights or not all(w is ONE for arcs in graphs for w in arcs.weights):
+        below, above = zip(*(_floats(arcs.weights) for arcs in graphs), strict=True)
+        weights = (_stacked(below)[order], _stacked(above)[order])
+    if weights is not None and errors.weights:
+        least, most = float_below(1 - errors.weights), float_above(1 + errors.weights)
+        weights = (np.maximum(down(weights[0] * least), 0.0), up(weights[1] * most))
+    return Layout(
+        rows=listeners,
+        speakers=_stacked([arcs.speakers for arcs in graphs])[order],
+        start=np.searchsorted(listeners, np.arange(problem.n * len(graphs) + 1)),
+        kinds=_stacked([coupling_places(problem, arcs) for arcs in graphs])[order],
+        weights=weights,
+    )
+
+
 def arc_rows(
     problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1, errors: Errors = EXACT
 ) -> ArcRows:
     """Bring all modes into arrays, rounded so that rows only become harder to satisfy; agent i of the k-th mode stands
     in row k n + i."""
-    modes = tuple(problem.network.modes.values())
-    listeners = _stacked([arcs.listeners + k * problem.n if k else arcs.listeners for k, arcs in enumerate(modes)])
-    in_order = bool(np.all(np.diff(listeners) >= 0))
-    order = slice(None) if in_order else np.argsort(listeners, kind="stable")
-    listeners, speakers = listeners[order], _stacked([arcs.speakers for arcs in modes])[order]
+    modes, layout = len(problem.network.modes), arc_layout(problem, errors=errors)
+    listeners, speakers = layout.rows, layout.speakers
     low, high = _floats(v)
     heard = high if stretch == 1 else _floats([stretch * x for x in v])[1]
-    low, high = _stacked([low] * len(modes)), _stacked([high] * len(modes))
+    low, high = _stacked([low] * modes), _stacked([high] * modes)
     own, other = low[listeners], heard[speakers]
     steps = other - own
     # The difference of two floats within a factor of two of each other has no rounding.
     near = (other <= 2 * own) & (own <= 2 * other)
-    weights = None
-    if errors.weights or not all(w is ONE for arcs in modes for w in arcs.weights):
-        below, above = zip(*(_floats(arcs.weights) for arcs in modes), strict=True)
-        weights = (_stacked(below)[order], _stacked(above)[order])
-    if weights is not None and errors.weights:
-        least, most = float_below(1 - errors.weights), float_above(1 + errors.weights)
-        weights = (np.maximum(down(weights[0] * least), 0.0), up(weights[1] * most))
     return ArcRows(
-        start=np.searchsorted(listeners, np.arange(len(low) + 1)),
+        start=layout.start,
         steps=np.where(near, steps, up(steps)),
         reaches=up(other + high[listeners]),
-        weights=weights,
-        kinds=_stacked([coupling_places(problem, arcs) for arcs in modes])[order],
+        weights=layout.weights,
+        kinds=layout.kinds,
         own=(low, high),
-        gains=holding_gains(problem, error=errors.gains) * len(modes),
+        gains=holding_gains(problem, error=errors.gains) * modes,
     )
 
 
@@ -358,7 +384,7 @@ def open_rows(arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction) ->
     limits = np.where(rates == 0, 0.0, down(limits))
     above = float_above(rho)
     with np.errstate(invalid="ignore", over="ignore"):  # cells beyond the table are infinite and prove nothing
-        return [(agent, face) for face in FACES for agent in _open(arcs, limits, face, kinds, above).tolist()]
+        return [(agent, face) for face in FACES for agent in open_within(arcs, limits, face, kinds, above).tolist()]
 
 
 def stiffest_row(arcs: ArcRows, profiles: Sequence[Profile], gains: Sequence[Fraction], *, rho: Fraction) -> Fraction:
@@ -411,20 +437,20 @@ def estimated_rate(arcs: ArcRows, kinds: Kinds, *, rho: Fraction) -> float:
     gains, least = np.array([float(k) for k in arcs.gains]), np.inf
     with np.errstate(invalid="ignore", over="ignore"):
         for face in FACES:
-            piece = _Piece(arcs, face, kinds, np.arange(len(gains)))
+            piece = Piece(arcs, face, kinds, np.arange(len(gains)))
             for part in _SAMPLES:
                 least = min(least, float(np.min(gains - piece.at(part * float(rho)) / arcs.own[1])))
     return least
 
 
-def _open(arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: float) -> Any:
-    """Rows that are not proved after the subdivision of s."""
+def open_within(arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: float, start: float = 0.0) -> Any:
+    """Rows that are not proved to be at most their limits for s in [start, rho], after a subdivision of s."""
     failed: list[Any] = []
-    waiting, count = [(0.0, rho, np.arange(len(limits)))], 0
+    waiting, count = [(start, rho, np.arange(len(limits)))], 0
     while waiting:
         s, t, agents = waiting.pop()
         count += 1
-        middle, piece, most = (s + t) / 2, _Piece(arcs, face, kinds, agents), limits[agents]
+        middle, piece, most = (s + t) / 2, Piece(arcs, face, kinds, agents), limits[agents]
         agents = agents[left := ~piece.proves(s, t, most)]
         if not len(agents):
             continue
@@ -439,7 +465,7 @@ def _open(arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: float) -> 
     return np.unique(np.concatenate(failed)) if failed else np.zeros(0, dtype=np.int64)
 
 
-class _Piece:
+class Piece:
     """Upper bounds of sum w phi(s) for some agents."""
 
     def __init__(self, arcs: ArcRows, face: int, kinds: Kinds, agents: Any) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations, islice
+from itertools import chain, combinations, islice
 from typing import Any
 
 import numpy as np
@@ -42,7 +42,7 @@ FEW_ENTRIES = 4  # per row, up to which a factorisation stays sparse
 FLOOR = 0.1  # the right side of inverse iteration is at least this part of its largest entry
 BISECTIONS = 8
 COMPARED = 8  # modes that are compared two by two
-LARGEST_PROGRAM = 60  # states for which the weights of several modes are sought by a semidefinite program
+LARGEST_PROGRAM = 10 * 60**3  # states^3 times modes for which common weights are sought by a semidefinite program
 MARGIN = 1e-6
 LEFT, ROUNDED = 0.25, 1e-9  # a row is met when these parts of its right side and of its terms are left at most
 CLOSE, QUICK = (1e-2, 1e-5), 400  # where iterations stop
@@ -66,17 +66,26 @@ def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weight
         low, high = 0.0, most
         for _ in range(BISECTIONS):
             middle = (low + high) / 2
-            low, high = (low, middle) if not _weights(tables, middle) else (middle, high)
+            low, high = (low, middle) if _weights(tables, middle) is None else (middle, high)
         most = low
     for part in PARTS:
         rate = shorten(part * most, digits=6)
         with suppress(*GIVEN_UP):
             P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
             sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
-            pair = None if others else first
-            found = None if sigma is None else _scaled(problem, tables, rate, sigma, P, pair)
-            if found is not None:
-                yield found, rate
+            for pair in (None,) if others else _pairs(next(iter(tables.values())), first, rate):
+                found = None if sigma is None else _scaled(problem, tables, rate, sigma, P, pair)
+                if found is not None:
+                    yield found, rate
+
+
+def _pairs(table: Any, first: Perron | None, rate: float) -> Iterator[Perron | None]:
+    """The fastest pair; then, as its entries may lie too far apart for doubles, one for this rate alone."""
+    yield first
+    ones = np.ones(table.shape[0])
+    pair = _pair(table, rate, ones, ones)
+    if pair is not None:
+        yield pair
 
 
 def disagreeing(problem: Problem) -> tuple[str, str] | None:
@@ -85,7 +94,7 @@ def disagreeing(problem: Problem) -> tuple[str, str] | None:
     with suppress(*GIVEN_UP):
         for pair in combinations(tables, 2):
             own = {mode: tables[mode] for mode in pair}
-            if all(table is not None for table in own.values()) and not _weights(own, 0.0):
+            if all(table is not None for table in own.values()) and _weights(own, 0.0) is None:
                 return pair
     return None
 
@@ -136,12 +145,6 @@ def _perron(table: Any) -> Perron | None:
             break
         low = (1 - 1e-3) * pair.rate
     return best
-
-
-def abscissa(table: Any) -> float:
-    """About the least real part mu of an eigenvalue of an M-matrix; from below for large ones, 0 if none is seen."""
-    pair = perron(table)
-    return 0.0 if pair is None else pair.rate
 
 
 def _pair(table: Any, shift: float, w: Array, u: Array) -> Perron | None:
@@ -199,27 +202,29 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
     return solve
 
 
-def _weights(tables: Mapping[str, Any], rate: float) -> list[Array]:
-    """Weights D (n m,) that seem to do for this rate in every mode, the largest 1; none if none are seen."""
+def _weights(tables: Mapping[str, Any], rate: float) -> Array | None:
+    """Weights D (n m,) that seem to do for this rate in every mode, the largest 1; None if none are seen."""
     logarithms = []
     for M in tables.values():
         solve, ones = _solver(M, rate), np.ones(M.shape[0])
         w, u = (None, None) if solve is None else (solve(ones, "N"), solve(ones, "T"))
         if w is None or u is None:
-            return []
+            return None
         logarithms.append(np.log(u) - np.log(w))
-    found = [np.mean(logarithms, axis=0), *(logarithms if len(logarithms) > 1 else ())]
-    weights = [np.exp(each - each.max()) for each in found]
+    found = [np.mean(logarithms, axis=0), *(logarithms[:COMPARED] if len(logarithms) > 1 else ())]
+    weights: list[Array] = [np.exp(each - each.max()) for each in found]
     if len(tables) == 1:
-        return weights
-    if len(weights[0]) <= LARGEST_PROGRAM:
-        weights += _program(tables, rate)
-    return [D for D in weights if all(_height(M, D, rate) is not None for M in tables.values())]
+        return weights[0]
+    tried = chain(weights, _program(tables, rate))
+    return next((D for D in tried if all(_height(M, D, rate) is not None for M in tables.values())), None)
 
 
-def _program(tables: Mapping[str, Any], rate: float) -> list[Array]:
-    """The most even D >= 1 with D (M - rate I) + (M - rate I)'D >= 0 and a little more, by a semidefinite program."""
-    size = len(next(iter(tables.values())).toarray())
+def _program(tables: Mapping[str, Any], rate: float) -> Iterator[Array]:
+    """The most even D >= 1 with D (M - rate I) + (M - rate I)'D >= 0 and a little more, by a semidefinite program;
+    none for large ones."""
+    size = next(iter(tables.values())).shape[0]
+    if size**3 * len(tables) > LARGEST_PROGRAM:
+        return
     cones = [
         Cone("nonnegative", np.column_stack([-np.eye(size), np.zeros(size)]), -np.ones(size)),
         Cone("nonnegative", np.column_stack([np.eye(size), -np.ones(size)]), np.zeros(size)),
@@ -231,7 +236,8 @@ def _program(tables: Mapping[str, Any], rate: float) -> list[Array]:
         cones.append(Cone("semidefinite", columns, -svec(MARGIN * float(np.abs(rows).max()) * np.eye(size))))
     answer = solve_cones(np.append(np.zeros(size), 1.0), cones)
     found = answer.x[:size] if answer.found else np.zeros(0)
-    return [found / found.max()] if len(found) and found.min() > 0 else []
+    if len(found) and found.min() > 0:
+        yield found / found.max()
 
 
 def _height(M: Any, D: Array, rate: float, pair: Perron | None = None) -> tuple[Array, Array] | None:
@@ -270,16 +276,17 @@ def _scaled(
     """The claim, its weights D small enough for the observer; of one mode perhaps those of its ``pair``."""
     owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
     weight = np.array([float(x) for x in sigma])[owners]
-    for D in _weights(tables, rate) if pair is None else [pair.u / pair.w]:
-        heights = {mode: _height(M, D, rate, pair) for mode, M in tables.items()}
-        known = {mode: found for mode, found in heights.items() if found is not None}
-        if len(known) < len(tables):
-            continue
-        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-            room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in known.values())
-        scale = min(1.0, room / 2)
-        return Weighted(D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in known.items()}, P=P)
-    return None
+    D = _weights(tables, rate) if pair is None else pair.u / pair.w
+    known = {} if D is None else {mode: _height(M, D, rate, pair) for mode, M in tables.items()}
+    heights = {mode: found for mode, found in known.items() if found is not None}
+    if D is None or len(heights) < len(tables):
+        return None
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        room = min(float(np.min(rise / (weight * D * D * w))) for w, rise in heights.values())
+    scale = min(1.0, room / 2)
+    if not scale * D.min() > 0:
+        return None
+    return Weighted(D=rounded(scale * D), w={mode: rounded(w) for mode, (w, _) in heights.items()}, P=P)
 
 
 def rounded(x: Array) -> Vector | Doubles:

@@ -284,6 +284,7 @@ def test_the_second_program_accepts_the_good_cases_and_refuses_the_bent_ones():
         assert outcome(examine, Refused, case) == case.code, case.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("removal", removals("margins"), ids=str)
 def test_every_condition_of_the_second_program_is_missed_when_it_is_removed(removal: object):
     assert noticed_by(removal) is not None

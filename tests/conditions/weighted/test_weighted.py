@@ -19,8 +19,9 @@ from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.weighted import decide
 from dobc_design.conditions.weighted.claim import Weighted
-from dobc_design.conditions.weighted.decide import holds, rows_hold
+from dobc_design.conditions.weighted.decide import confirm, holds, rows_hold
 from dobc_design.conditions.weighted.propose import proposals
+from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import harmonics
@@ -122,6 +123,20 @@ def test_a_chain_of_ten_has_the_rate_of_one_agent():
     arcs = [[i + 1, i] for i in range(1, 10)]
     chain = Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=10), coupling="2*y", gains={1: 3})
     assert 1.98 <= row(chain).rate < 2
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_long_way_from_the_pin_is_proved_though_no_doubles_hold_the_fastest_weights(ends):
+    """Chain and ring that hear one way: near the true rate, weights grow by a factor from agent to agent."""
+    n = 1200
+    arcs = [[i + 1, i] for i in range(1, n)] + [[1, n]] * ends
+    long = Problem(network=Network.from_arcs({"G": arcs}, arrow="listens_to", agents=n), coupling="y", gains={1: 2})
+    statements = state_theorems(long)
+    (check,) = weighted_stage(statements, None)
+    assert check.verdict is Verdict.PROVED
+    assert check.rate > 0
+    assert confirm(check, long, None, statements=statements) is None
+    assert confirm(replace(check, rate=2.0), long, None, statements=statements) is not None
 
 
 @pytest.mark.parametrize("seed", range(30))

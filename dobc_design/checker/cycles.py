@@ -1,0 +1,135 @@
+"""schedule: weights that move from mode to mode, for signals that keep the guarantee of the problem; or the graphs
+alone, where couplings rise."""
+
+from fractions import Fraction
+from functools import partial
+from itertools import combinations, pairwise
+from typing import Any, NamedTuple
+
+from .files import Certificate, Problem
+from .intervals import by_decimal, enclosed
+from .matrices import ZERO
+from .reading import maybe, need, rational, read, weights
+from .schedule import HALVINGS, LONGEST, TIMES, Box, Face, shown
+from .separable import Curve, composite, starts
+
+
+class Phase(NamedTuple):
+    """A mode that is on for ``shortest`` to ``longest`` (None: for ever), then a phase of ``following``."""
+
+    mode: str
+    shortest: Fraction
+    longest: Fraction | None
+    following: list[int]
+    first: bool
+
+
+def phases(p: Problem) -> list[Phase]:
+    """The phases of the guarantee in the problem file."""
+    table, modes = p.switching or {}, list(p.modes)
+    kind = table.get("guarantee")
+    number = {key: rational(table[key]) for key in ("dwell", "period", "longest") if table.get(key) is not None}
+    need(kind in ("dwell", "sequence") and len(modes) > 1, "there is no guarantee")
+    if kind == "dwell":
+        need(number.get("dwell", ZERO) > 0, "it is not said how long a mode lasts at least")
+        others = [[q for q in range(len(modes)) if q != k] for k in range(len(modes))]
+        return [Phase(mode, number["dwell"], number.get("longest"), others[k], True) for k, mode in enumerate(modes)]
+    if table.get("schedule") is not None:
+        begins = [rational(time) for time, _ in table["schedule"]]
+        order = [mode for _, mode in table["schedule"]]
+        lengths = [b - a for a, b in pairwise([*begins, number["period"] + begins[0]])]
+    else:
+        order = table.get("sequence") or modes
+        lengths = [number["dwell"] if "dwell" in number else number["period"] / len(order)] * len(order)
+    need(set(order) <= set(modes) and min(lengths) > 0, "the sequence is none of modes")
+    turns = enumerate(zip(order, lengths, strict=True))
+    return [Phase(mode, time, time, [(k + 1) % len(order)], k == 0) for k, (mode, time) in turns]
+
+
+def schedule(case: Certificate, check: Any) -> None:
+    """N = max |e_i| / v_i(t) falls from phase to phase at the rate, or the graphs alone show that all errors decay."""
+    p = case.problem
+    shape: dict[str, Any] = {"rate": maybe(rational), "rho": maybe(rational)}
+    shape["phases"] = [{"times": [rational], "v": [partial(weights, p.n)]}]
+    if p.q:
+        shape |= {"P": ((rational,) * p.q,) * p.q, "beta": rational, "kappa": rational, "size": rational}
+    exact, turns = read(check.exact, shape), phases(p)
+    composite(case, exact)
+    need(all(0 < len(each.times) == len(each.v) <= TIMES for each in exact.phases), "there are no times, or too many")
+    need((check.rate is None) == (exact.rate is None), "it claims a rate that it does not have, or has one")
+    need(check.rate is None or 0 < check.rate <= exact.rate, "the rate is not between 0 and that of the claim")
+    least = min([x for each in exact.phases for v in each.v for x in v], default=Fraction(1))
+    room = (exact.beta - (exact.rate or ZERO)) * exact.kappa * least if p.q else 1
+    need(room >= 1 and (p.q == 0 or exact.kappa > 0), "kappa is too small")
+    if exact.rho is None:
+        need(check.domain == "global" == p.domain, "it has no rho and is not global")
+    else:
+        starts(case, check.domain, "box")
+        firsts = [x for turn, each in zip(turns, exact.phases, strict=False) if turn.first for x in each.v[0]]
+        left = exact.rho - check.domain.radius / min(firsts, default=Fraction(1))
+        noise = (exact.kappa * check.domain.disturbance) ** 2 * exact.size if p.q else ZERO
+        need(left >= 0 and noise <= left**2, "the box leaves the region")
+    if exact.rate is None:
+        need(not exact.phases, "it has weights and no rate")
+        by_graphs(p, turns, exact.rho)
+        return
+
+    need(len(exact.phases) == len(turns), "there are not weights for every phase")
+    for turn, each in zip(turns, exact.phases, strict=True):
+        need(each.times[0] == 0, "times do not begin at 0")
+        need(all(a < b for a, b in pairwise(each.times)), "times do not rise")
+        need(turn.shortest in each.times, "the shortest time is not among the times")
+        need(turn.longest in (None, each.times[-1]), "the times do not end with the longest one")
+        handed(turn, each, [exact.phases[k].v[0] for k in turn.following], exact.rate)
+        falls(p, turn, each, exact)
+
+
+def handed(turn: Phase, each: Any, nexts: list[Box], rate: Fraction) -> None:
+    """v(t) <= exp(-rate t) v'(0) for every t at which the phase may end: the larger end of a segment, and the factor
+    of its later one, which is 1 / exp(rate t)."""
+    first = each.times.index(turn.shortest)
+    need(rate * each.times[-1] <= LONGEST, "a phase is too long")
+    for k in range(first, len(each.times)):
+        factor = 1 / Fraction(by_decimal("exp", (rate * each.times[k],) * 2)[1])
+        most = map(max, each.v[max(first, k - 1)], each.v[k])
+        need(all(x <= factor * min(after) for x, after in zip(most, zip(*nexts, strict=True), strict=True)), "no fall")
+
+
+def falls(p: Problem, turn: Phase, each: Any, exact: Any) -> None:
+    """The rows of a phase; where it has no end, at rest at the rate as well."""
+    rho, heard = exact.rho or Fraction(1), p.heard[turn.mode]
+    reach = enclosed(2 * rho * max(x for v in each.v for x in v))[1]
+    couplings = {arc.coupling for arcs in heard for arc in arcs}
+    curves = {(h, mirrored): Curve(h, mirrored, -reach, reach) for h in couplings for mirrored in (False, True)}
+    parts = []
+    for (a, b), (v, w) in zip(pairwise(each.times), pairwise(each.v), strict=True):
+        parts.append(Face((v, w), (v, w), [(y - x) / (b - a) for x, y in zip(v, w, strict=True)]))
+    if turn.longest is None:
+        last = each.v[-1]
+        parts.append(Face((last, last), (last, last), [-exact.rate * x for x in last]))
+    for face in parts:
+        for mirrored in (False, True):
+            for i in range(p.n):
+                holds = shown(p, heard[i], i, face, (ZERO, ZERO), curves, mirrored, HALVINGS, rho)
+                need(holds, f"the row of agent {p.labels[i]} in mode {turn.mode} is not shown")
+
+
+def by_graphs(p: Problem, turns: list[Phase], rho: Fraction | None) -> None:
+    """Couplings rise on |y| <= 2 rho, strictly at 0, no gain pushes outward, and every cycle reaches every agent."""
+    reach = enclosed(2 * (rho or ZERO))[1]
+    need(all(p.least_gain(i) >= 0 for i in range(p.n)), "a gain pushes outward")
+    for h in {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}:
+        need(min(h.slope(0, 0)) > 0, "a coupling does not rise at the target")
+        need(h.straight or all(cell.way == 1 for cell in Curve(h, False, -reach, reach).table), "a coupling may fall")
+    alone = [(turn.mode,) for turn in turns if turn.longest is None]
+    every = tuple(turn.mode for turn in turns)
+    cycles = list(combinations(every, 2)) if len(turns) > 1 and all(turn.first for turn in turns) else [every]
+    for cycle in [*alone, *cycles]:
+        reached = {i for i in range(p.n) if p.least_gain(i) > 0}
+        while True:
+            heard = ((i, arc.j) for mode in cycle for i, arcs in enumerate(p.heard[mode]) for arc in arcs)
+            more = {i for i, j in heard if j in reached} - reached
+            if not more:
+                break
+            reached |= more
+        need(len(reached) == p.n, f"modes {', '.join(cycle)} do not reach every agent")

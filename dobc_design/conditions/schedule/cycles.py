@@ -1,0 +1,248 @@
+"""Signals that keep a guarantee, and weights that move with them (theory, section 11): claim and decision.
+
+A signal passes through phases: phase p lasts between ``shortest`` and ``longest``, its mode is on, then a phase of its
+successors follows.  Claim: in phase p, N(t, e) = max_i |e_i| / v^p_i(t), t from its beginning, does not increase while
+N <= rho, up to max_i |C eps_i| / v_i; and for every t at which it may end, v^p(t) <= exp(-rate t) v^q(0) for every
+successor q.  With kappa (beta - rate) min v >= 1, V = N + kappa E falls at least by exp(-rate t) over each phase and
+never rises.  A phase without a longest time keeps its last weights, and there N falls at the rate.
+
+Without weights the claim has no rate: couplings rise as far out as 2 rho, strictly at 0, every cycle of phases reaches
+every agent from a pin, and with v = 1 (kappa beta >= 1) V <= rho holds for ever; then every error decays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations, pairwise
+from typing import Any
+
+import numpy as np
+
+from dobc_design.conditions.numbers import vector_to_json
+from dobc_design.conditions.schedule.decide import shrunk
+from dobc_design.conditions.schedule.rows import Box, moving_rows
+from dobc_design.conditions.separable.claim import ErrorBound, acts_by_component, holding_gains
+from dobc_design.conditions.separable.decide import error_bound_obstacle
+from dobc_design.coupling.enclosures import Curve, jet, profile
+from dobc_design.errors import SpecError
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import float_above, float_below, number_text
+from dobc_design.problem.canonical import matrix_text
+from dobc_design.problem.problem import Problem
+
+ZERO, ONE = Fraction(0), Fraction(1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Phase:
+    """A mode that is on for ``shortest`` to ``longest`` (s; None: as long as it likes); then one of ``successors``
+    (places in the list of phases) follows.  ``first``: whether a signal may begin with it."""
+
+    mode: str
+    shortest: Fraction
+    longest: Fraction | None
+    successors: tuple[int, ...]
+    first: bool
+
+
+def phases_of(problem: Problem) -> tuple[Phase, ...]:
+    """The phases of the guarantee of [switching]; empty without one, and where one mode is always on."""
+    own, modes = problem.switching, tuple(problem.network.modes)
+    if own is None or own.guarantee in (None, "arbitrary") or len(modes) == 1:
+        return ()
+    if own.guarantee == "dwell":
+        every = range(len(modes))
+        return tuple(
+            Phase(
+                mode=mode,
+                shortest=own.dwell or ZERO,
+                longest=own.longest,
+                successors=tuple(q for q in every if q != p),
+                first=True,
+            )
+            for p, mode in enumerate(modes)
+        )
+    if own.schedule is not None:
+        begins = [*(time for time, _ in own.schedule), own.period or ZERO]
+        order, lengths = [mode for _, mode in own.schedule], [b - a for a, b in pairwise(begins)]
+        lengths[-1] += begins[0]  # the last mode of a round stays on until the first instant of the next
+    else:
+        order = list(own.sequence or modes)
+        lengths = [own.dwell if own.dwell is not None else (own.period or ZERO) / len(order)] * len(order)
+    return tuple(
+        Phase(mode=mode, shortest=time, longest=time, successors=((p + 1) % len(order),), first=p == 0)
+        for p, (mode, time) in enumerate(zip(order, lengths, strict=True))
+    )
+
+
+def guarantee_in_words(problem: Problem) -> str:
+    """Which signals a proof is about: "every signal that ..."."""
+    own = problem.switching
+    if own is None or own.guarantee == "dwell":
+        dwell, longest = (own.dwell, own.longest) if own is not None else (None, None)
+        most = "" if longest is None else f" and at most {float(longest):.6g} s"
+        return f"every signal whose modes last at least {float(dwell or 0):.6g} s{most}"
+    turns = ", ".join(f"{phase.mode} for {float(phase.shortest):.6g} s" for phase in phases_of(problem)[:6])
+    return f"the signal {turns}{', ...' if len(phases_of(problem)) > 6 else ''}, over and over"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weights:
+    """Weights of one phase at ``times`` (s) from its beginning, linear in between: one entry > 0 per agent."""
+
+    times: Vector
+    v: tuple[Vector, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cycles:
+    """A claim as above: weights phase by phase, ``rate`` (1/s), ``rho`` (None: linear couplings, every rho), the
+    observer's ``error`` (None without an exosystem); by the graphs alone without phases and rate.  Raises: SpecError
+    unless weights, rate and rho are > 0, times rise from 0, and there are both phases and a rate, or neither."""
+
+    phases: tuple[Weights, ...]
+    rate: Fraction | None
+    rho: Fraction | None
+    error: ErrorBound | None = None
+
+    def __post_init__(self) -> None:
+        if (self.rate is None) is bool(self.phases):
+            raise SpecError("a rate belongs to weights, and weights to a rate.", key="rate")
+        if min(x for x in (self.rate, self.rho, ONE) if x is not None) <= 0:
+            raise SpecError("rate and rho must be > 0.", key="rate")
+        for each in self.phases:
+            rising = all(a < b for a, b in pairwise(each.times))
+            if not each.times or each.times[0] or not rising or len(each.times) != len(each.v):
+                raise SpecError("times must rise from 0, with weights for each.", key="times")
+            if min(x for v in each.v for x in v) <= 0:
+                raise SpecError("weights must be > 0.", key="v")
+
+    @property
+    def least(self) -> Fraction:
+        """The least weight of all phases and times; 1 where there are none."""
+        return min((x for each in self.phases for v in each.v for x in v), default=ONE)
+
+    def to_json(self) -> dict[str, Any]:
+        values: dict[str, Any] = {
+            "rate": None if self.rate is None else number_text(self.rate),
+            "rho": None if self.rho is None else number_text(self.rho),
+            "phases": [
+                {"times": vector_to_json(each.times), "v": [vector_to_json(v) for v in each.v]} for each in self.phases
+            ],
+        }
+        if self.error is not None:
+            values["P"] = matrix_text(self.error.P)
+            values |= {name: number_text(getattr(self.error, name)) for name in ("beta", "kappa", "size")}
+        return values
+
+
+def why_not(problem: Problem, W: Matrix | None, claim: Cycles) -> str | None:
+    """None if the claim is proved for the gain W (q, m); else the first thing that is not."""
+    return next((words for holds, words in _needs(problem, W, claim) if not holds), None)
+
+
+def holds_starts(problem: Problem, claim: Cycles, *, radius: Fraction, disturbance: Fraction) -> bool:
+    """Whether every start |e|_inf <= radius, |eps_i| <= disturbance has V <= rho, in every phase that may be first."""
+    if claim.rho is None:
+        return True
+    begun = zip(phases_of(problem), claim.phases, strict=bool(claim.phases))
+    room = claim.rho - radius / min((x for phase, each in begun if phase.first for x in each.v[0]), default=ONE)
+    if claim.error is None:
+        return room >= 0
+    return room >= 0 and (claim.error.kappa * disturbance) ** 2 * claim.error.size <= room**2
+
+
+def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[bool, str]]:
+    phases, exosystem = phases_of(problem), problem.joint_exosystem
+    yield bool(phases), "there is no guarantee, or only one mode."
+    yield acts_by_component(problem), "couplings have to act on each state component by itself."
+    yield len(claim.phases) in (0, len(phases)), "there must be weights for every phase."
+    yield all(len(v) == problem.n for each in claim.phases for v in each.v), "weights must have one entry per agent."
+    yield claim.rho is not None or problem.is_linear, "without rho couplings have to be linear."
+    yield (claim.error is not None) == (exosystem is not None), "P, beta, kappa and size belong to an [exosystem]."
+    if exosystem is not None and claim.error is not None:
+        yield W is not None, "with an [exosystem] it needs an observer gain W."
+        obstacle = None if W is None else error_bound_obstacle(exosystem, W, claim.error)
+        yield obstacle is None, str(obstacle)
+        room = (claim.error.beta - (claim.rate or ZERO)) * claim.error.kappa * claim.least
+        yield claim.error.kappa > 0 and room >= 1, "kappa (beta - rate) min v must be at least 1."
+    if not claim.phases or claim.rate is None:
+        yield from _by_graphs(problem, phases, claim.rho)
+        return
+    for p, (phase, each) in enumerate(zip(phases, claim.phases, strict=True)):
+        where = f"phase {p + 1} (mode {phase.mode})"
+        yield phase.shortest in each.times, f"{where}: its shortest time has to be among the times."
+        yield phase.longest is None or each.times[-1] == phase.longest, f"{where}: times have to end with its longest."
+        for q in phase.successors:
+            yield _fits(each, claim.phases[q], phase, claim.rate), f"{where}: its weights do not fall far enough."
+        yield not _open(problem, phase, each, claim), f"{where}: a row does not hold."
+
+
+def _by_graphs(problem: Problem, phases: Sequence[Phase], rho: Fraction | None) -> Iterator[tuple[bool, str]]:
+    """Rising couplings, and every cycle reaches every agent."""
+    try:
+        profiles = [profile(Curve(each.components[0]), 2 * (rho or ZERO)) for each in problem.couplings]
+        slopes = [jet(each.curve, Interval.point(ZERO)).slope for each in profiles]
+        rising = all(each.is_nondecreasing for each in profiles) and all(slope.lo > 0 for slope in slopes)
+    except UndefinedError:
+        rising = False
+    yield rising, "a coupling is not shown to rise as far out as that, strictly at the target."
+    yield min(holding_gains(problem)) >= 0, "a gain pushes outward."
+    missed = next(unreached_cycles(problem, phases), None)
+    if missed is not None:
+        yield False, f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
+
+
+def unreached_cycles(problem: Problem, phases: Sequence[Phase]) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Modes of a cycle, or a mode that may stay on for ever, and the label of an agent that they do not reach."""
+    graphs, gains = problem.network.modes, holding_gains(problem)
+    cycles: set[tuple[str, ...]] = {(phase.mode,) for phase in phases if phase.longest is None}
+    if len(phases) > 1 and all(phase.first for phase in phases):  # any other mode may follow: longer cycles hold two
+        cycles |= set(combinations(graphs, 2))
+    else:
+        cycles.add(tuple(dict.fromkeys(phase.mode for phase in phases)))
+    for cycle in sorted(cycles):
+        heard: dict[int, set[int]] = {}
+        for mode in cycle:
+            for i, j in zip(graphs[mode].listeners.tolist(), graphs[mode].speakers.tolist(), strict=True):
+                heard.setdefault(j, set()).add(i)
+        waiting = [i for i, gain in enumerate(gains) if gain > 0]
+        reached = set(waiting)
+        while waiting:
+            new = heard.get(waiting.pop(), set()) - reached
+            reached |= new
+            waiting += new
+        if len(reached) < problem.n:
+            yield cycle, problem.network.labels[min(set(range(problem.n)) - reached)]
+
+
+def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:
+    """v(t) <= exp(-rate t) v'(0) for every t at which the phase may end; on a segment with the larger of its ends and
+    the factor of its later one."""
+    first = old.times.index(phase.shortest)
+    places = [(first, first), *((k, k + 1) for k in range(first, len(old.times) - 1))]
+    for a, b in places:
+        factor = shrunk(ONE, rate, old.times[b]).lo
+        if any(max(x, y) > factor * z for x, y, z in zip(old.v[a], old.v[b], new.v[0], strict=True)):
+            return False
+    return True
+
+
+def _open(problem: Problem, phase: Phase, each: Weights, claim: Cycles) -> bool:
+    """Whether a row of the phase is not proved."""
+    reach = ONE if claim.rho is None else claim.rho
+    rows = moving_rows(problem, reach * max(x for v in each.v for x in v), [phase.mode])
+    if rows is None:
+        return True
+    boxes, none = Box.of(each.v, each.v), np.zeros(len(each.times))
+    low, high = (1.0, 1.0) if claim.rho is None else (0.0, float_above(claim.rho))
+    if rows.open_segments(boxes, each.times, none, low=low, high=high):
+        return True
+    if phase.longest is not None:
+        return False
+    last = Box.of([each.v[-1]] * 2, [each.v[-1]] * 2)
+    falls = np.array([[[float_below(-(claim.rate or ZERO) * x) for x in each.v[-1]]] * 2])
+    return bool(rows.open_for(last, falls, np.zeros(2), low=low, high=high))

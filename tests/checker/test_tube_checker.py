@@ -1,0 +1,91 @@
+"""The lone checker's part about settling times: its cases, how sharp it is, and hostile claims."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from typing import Any
+
+import pytest
+from checker_cases import FAILS, HOLDS, misjudged, outcome
+from checker_mutants import removals
+from checker_removals import noticed_by
+from lure_cases import HARMONIC, PAPER_GAIN
+from region_cases import certificate, problems
+from separable_problems import listening
+from tube_cases import BOXES, LINE, bent, moved, tube_cases
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.groups import Observer
+
+Document = dict[str, Any]
+
+
+def test_every_case_gets_its_exit_code():
+    """Claims whose truth is known, and twins that just fail in one place each."""
+    assert misjudged(tube_cases()) == []
+    assert sum(case.code == HOLDS for case in tube_cases()) >= 14
+    assert sum(case.code == FAILS for case in tube_cases()) > 100
+
+
+@pytest.mark.parametrize("place", range(len(removals("schedule"))))
+def test_the_removal_of_any_check_is_noticed(place: int):
+    removal = removals("schedule")[place]
+    assert noticed_by(removal) is not None, str(removal)
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Document, bytes]:
+    """What the package claims of three agents with an observer."""
+    region = {"initial_states": [-1, 1], "initial_disturbance": "1/2"}
+    observed: Document = {"exosystem": HARMONIC, "observer": Observer(W=PAPER_GAIN), "region": region}
+    arcs = [[1, 2], [2, 3], [3, 1]]
+    problem = listening(arcs, "exp(y) - 1 + y", gains={1: 5}, target=0, **observed)
+    return json.loads(certificate_bytes(certify(problem, settling="1/10").claims)), canonical_bytes(problem)
+
+
+@pytest.mark.parametrize(
+    ("path", "factor", "code"),
+    [
+        (("time",), 1, HOLDS),
+        (("time",), "999/1000", FAILS),
+        (("tolerance",), "999/1000", FAILS),
+        (("last", "level"), "999/1000", FAILS),
+        (("last", "height"), "999/1000", FAILS),
+        (("tube", "size"), "1/2", FAILS),
+        (("tube", "upper", 5, 1), "9/10", FAILS),
+        (("tube", "lower", 5, 1), "9/10", FAILS),
+    ],
+)
+def test_numbers_that_the_package_finds_hold_and_are_nearly_as_small_as_they_may_be(found, path, factor, code):
+    document, problem = json.loads(json.dumps(found[0])), found[1]
+    (check,) = [each for each in document["checks"] if each["id"] == "settling"]
+    part = check["exact"]
+    for key in path[:-1]:
+        part = part[key]
+    part[path[-1]] = str(Fraction(part[path[-1]]) * Fraction(factor))
+    assert outcome(json.dumps(document).encode(), problem) == code
+
+
+MANY = [f"{k}/1000" for k in range(5000)]
+
+
+@pytest.mark.parametrize(
+    "check",
+    [
+        bent(LINE, time="1e400", tolerance="0"),
+        bent(LINE, time="-1e400"),
+        bent(LINE, times=MANY, upper=[BOXES[0]] * 5000, lower=[BOXES[0]] * 5000),
+        bent(LINE, times=["0", "1e-400", "1"]),
+        bent(LINE, level="1e-400"),
+        bent(LINE, upper={"float64": "AAAA"}),
+        bent(LINE, upper=[BOXES[0], {"float64": "AAAA"}, BOXES[2]]),
+        moved(LINE, 1, 0, "1e400"),
+        moved(LINE, 1, 0, "1e-400"),
+        moved(LINE, 2, 1, "1" + "0" * 9000 + "1"),
+    ],
+)
+def test_hostile_claims_are_refused(check: Document):
+    assert outcome(certificate("line", check), canonical_bytes(problems()["line"])) == FAILS

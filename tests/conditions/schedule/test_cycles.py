@@ -1,0 +1,272 @@
+"""Signals that keep a guarantee: their phases, the claim, its decision, and what `certify` finds."""
+
+from __future__ import annotations
+
+import json
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from checker_cases import accepted_by
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify
+from dobc_design.certification.recheck import recheck
+from dobc_design.conditions.schedule.checks import read_claim
+from dobc_design.conditions.schedule.cycles import (
+    Cycles,
+    Phase,
+    Weights,
+    guarantee_in_words,
+    holds_starts,
+    phases_of,
+    unreached_cycles,
+    why_not,
+)
+from dobc_design.errors import SpecError
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Switching
+from dobc_design.simulation.runs import simulate
+from dobc_design.verdict import Verdict
+
+HALF, ONE, TWO = Fraction(1, 2), Fraction(1), Fraction(2)
+PAPER = "exp(y) - 1 + y"
+MODES = {"A": [[3, 2]], "B": [[2, 1]], "C": []}
+RING = [[i, i % 10 + 1] for i in range(1, 11)]
+HALVES = {"odd": [arc for arc in RING if arc[0] % 2], "even": [arc for arc in RING if not arc[0] % 2]}
+
+
+def problem(modes: Any = MODES, *, coupling: str = "y", n: int = 3, gains: Any = None, **turns: Any) -> Problem:
+    network = Network.from_arcs(modes, arrow="listens_to", agents=n)
+    gains = {1: 1} if gains is None else gains
+    return Problem(network=network, coupling=coupling, gains=gains, switching=Switching(**turns))
+
+
+def chain(**turns: Any) -> Problem:
+    return problem({"A": [[3, 2]], "B": [[2, 1]]}, **turns)
+
+
+def ring(gains: Any, **more: Any) -> Problem:
+    turns = Switching(guarantee="sequence", sequence=["odd", "even"], dwell=1)
+    network = Network.from_arcs(HALVES, arrow="listens_to", agents=10)
+    return Problem(network=network, coupling=PAPER, gains=gains, switching=turns, **more)
+
+
+def schedule_of(found: Any) -> Any:
+    (check,) = [each for each in found.claims.checks if each.id == "schedule"]
+    return check
+
+
+def lengths(own: Problem) -> list[tuple[str, Fraction, Fraction | None, tuple[int, ...], bool]]:
+    return [(each.mode, each.shortest, each.longest, each.successors, each.first) for each in phases_of(own)]
+
+
+def test_after_a_dwell_any_other_mode_may_follow():
+    assert lengths(problem(guarantee="dwell", dwell=1)) == [
+        ("A", ONE, None, (1, 2), True),
+        ("B", ONE, None, (0, 2), True),
+        ("C", ONE, None, (0, 1), True),
+    ]
+    assert {each.longest for each in phases_of(problem(guarantee="dwell", dwell=1, longest=2))} == {TWO}
+
+
+@pytest.mark.parametrize(
+    ("turns", "expected"),
+    [
+        ({"sequence": ["A", "B"], "dwell": 2}, [("A", TWO), ("B", TWO)]),
+        ({"dwell": 2}, [("A", TWO), ("B", TWO), ("C", TWO)]),
+        ({"sequence": ["A", "B", "A"], "dwell": [1, 2, "1/2"]}, [("A", ONE), ("B", TWO), ("A", HALF)]),
+        ({"sequence": ["A", "B"], "period": 1}, [("A", HALF), ("B", HALF)]),
+        ({"schedule": [[0, "B"], ["1/2", "A"]], "period": "5/2"}, [("B", HALF), ("A", TWO)]),
+        ({"sequence": ["C"], "dwell": 1}, [("C", ONE)]),
+    ],
+)
+def test_a_sequence_has_one_phase_after_the_other(turns, expected):
+    count = len(expected)
+    assert lengths(problem(guarantee="sequence", **turns)) == [
+        (mode, time, time, ((k + 1) % count,), k == 0) for k, (mode, time) in enumerate(expected)
+    ]
+
+
+def test_there_are_no_phases_without_a_guarantee_or_with_one_mode():
+    assert phases_of(problem(signal="random", dwell=1)) == ()
+    assert phases_of(problem(guarantee="arbitrary", dwell=1)) == ()
+    assert phases_of(problem({"A": [[2, 1]]}, guarantee="dwell", dwell=1)) == ()
+    assert why_not(problem(signal="random", dwell=1), None, Cycles(phases=(), rate=None, rho=None)) is not None
+
+
+def test_a_guarantee_in_words():
+    words = {
+        "every signal whose modes last at least 0.5 s": {"guarantee": "dwell", "dwell": "1/2"},
+        "every signal whose modes last at least 1 s and at most 2 s": {"guarantee": "dwell", "dwell": 1, "longest": 2},
+        "the signal A for 1 s, B for 2 s, over and over": {
+            "guarantee": "sequence",
+            "sequence": ["A", "B"],
+            "dwell": [1, 2],
+        },
+        "the signal A for 1 s, B for 1 s, A for 1 s, B for 1 s, A for 1 s, B for 1 s, ..., over and over": {
+            "guarantee": "sequence",
+            "sequence": ["A", "B"] * 4,
+            "dwell": 1,
+        },
+    }
+    assert {guarantee_in_words(problem(**turns)) for turns in words.values()} == set(words)
+
+
+@pytest.mark.parametrize(
+    ("own", "missed"),
+    [
+        (chain(guarantee="dwell", dwell=1, longest=2), []),
+        (chain(guarantee="dwell", dwell=1), [(("A",), "2"), (("B",), "3")]),
+        (problem(guarantee="dwell", dwell=1, longest=2), [(("A", "C"), "2"), (("B", "C"), "3")]),
+        (problem(guarantee="sequence", dwell=1), []),
+        (problem(guarantee="sequence", sequence=["A", "B", "A"], dwell=1), []),
+        (problem(guarantee="sequence", sequence=["A", "C"], dwell=1), [(("A", "C"), "2")]),
+        (chain(guarantee="sequence", sequence=["B"], dwell=1), [(("B",), "3")]),
+        (chain(guarantee="sequence", dwell=1, gains={3: 1}), [(("A", "B"), "1")]),
+    ],
+)
+def test_cycles_that_do_not_reach_every_agent(own: Problem, missed):
+    assert list(unreached_cycles(own, phases_of(own))) == missed
+    assert (why_not(own, None, Cycles(phases=(), rate=None, rho=None)) is None) == (not missed)
+
+
+def test_claims_that_cannot_be_are_refused():
+    one = Weights(times=(Fraction(0), ONE), v=((ONE,), (ONE,)))
+    for changes in ({"rate": None}, {"phases": ()}, {"rate": Fraction(0)}, {"rho": Fraction(0)}):
+        with pytest.raises(SpecError):
+            Cycles(**{"phases": (one,), "rate": ONE, "rho": ONE} | changes)
+    for times, v in (((), ()), ((ONE,), ((ONE,),)), ((Fraction(0),) * 2, one.v), (one.times, one.v[:1])):
+        with pytest.raises(SpecError):
+            Cycles(phases=(Weights(times=times, v=v),), rate=ONE, rho=None)
+    with pytest.raises(SpecError):
+        Cycles(phases=(Weights(times=one.times, v=((ONE,), (Fraction(0),))),), rate=ONE, rho=None)
+    assert Cycles(phases=(), rate=None, rho=None).least == 1
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Problem, Any]:
+    own = chain(guarantee="sequence", sequence=["A", "B"], dwell=1)
+    return own, certify(own)
+
+
+def test_three_agents_that_are_never_connected(found):
+    own, result = found
+    check = schedule_of(result)
+    assert check.verdict is Verdict.PROVED
+    assert 0.45 <= float(check.rate) <= 0.5
+    assert "for the signal A for 1 s, B for 1 s" in check.reason
+    assert result.claims.verdict is Verdict.PROVED
+    assert result.claims.covered_by == "schedule"
+    assert accepted_by(json.loads(certificate_bytes(result.claims)), own) == (True, True)
+
+
+def test_a_claim_is_read_back_from_json(found):
+    own, result = found
+    check = schedule_of(result)
+    assert read_claim(check, own, None) == check.claim
+    assert read_claim(check, own, None).to_json() == check.claim.to_json()
+    by_graphs = Cycles(phases=(), rate=None, rho=TWO)
+    assert by_graphs.to_json() == {"rate": None, "rho": "2", "phases": []}
+
+
+@pytest.mark.parametrize(
+    "bend",
+    [
+        lambda exact: exact.update(rate="0.5001"),
+        lambda exact: exact.update(rate=None),
+        lambda exact: exact.update(phases=[]),
+        lambda exact: exact.update(rho="1"),
+        lambda exact: exact["phases"].reverse(),
+        lambda exact: exact["phases"].pop(),
+        lambda exact: exact["phases"][0]["times"].__setitem__(-1, "0.99"),
+        lambda exact: exact["phases"][0]["v"][-1].__setitem__(2, "1e-3"),
+        lambda exact: exact["phases"][0]["v"][0].__setitem__(2, "1e3"),
+        lambda exact: exact["phases"][1]["v"][2].__setitem__(1, "1e3"),
+        lambda exact: exact["phases"][1]["v"].pop(),
+        lambda exact: exact.update(P=[["1"]]),
+    ],
+)
+def test_both_programs_refuse_what_is_bent(found, bend):
+    own, result = found
+    document = json.loads(certificate_bytes(result.claims))
+    (check,) = [each for each in document["checks"] if each["id"] == "schedule"]
+    bend(check["exact"])
+    assert accepted_by(document, own) == (False, False)
+
+
+def test_no_simulated_run_leaves_the_boxes(found):
+    """N = max |e_i| / v_i(t) never rises, and falls by the rate at each change."""
+    own, result = found
+    claim, phases = schedule_of(result).claim, phases_of(own)
+    ends = np.cumsum([0.0, *[float(each.shortest) for each in phases] * 3])
+    for start in ([1, 1, 1], [0, 1, -1], [-1, 0.5, 1]):
+        inside = [np.linspace(a, b, 41)[:-1] for a, b in pairwise(ends)]
+        samples = [*np.concatenate(inside), ends[-1]]
+        run = simulate(own, start=[[x] for x in start], t_final=float(ends[-1]), samples=samples)
+        e, last = np.abs(run.x[:, :, 0]), np.inf
+        for k in range(len(ends) - 1):
+            each = claim.phases[k % len(phases)]
+            times, v = np.array(each.times, dtype=float), np.array(each.v, dtype=float)
+            now = np.linspace(0, float(times[-1]), 41)
+            weights = np.stack([np.interp(now, times, column) for column in v.T], axis=1)
+            N = np.max(e[40 * k : 40 * k + 41] / weights, axis=1)
+            assert np.all(np.diff(N) <= 1e-7 * N[0])
+            assert N[0] <= last * np.exp(-float(claim.rate) * float(times[-1])) * (1 + 1e-7) or k == 0
+            last = N[0]
+
+
+def test_half_a_ring_at_a_time_holds_by_the_graphs():
+    own = ring({1: 5, 6: 5}, region={"initial_states": [-4, 4]})
+    claim = Cycles(phases=(), rate=None, rho=Fraction(4))
+    assert why_not(own, None, claim) is None
+    assert holds_starts(own, claim, radius=Fraction(4), disturbance=Fraction(0))
+    assert not holds_starts(own, claim, radius=Fraction("4.001"), disturbance=Fraction(0))
+    assert why_not(own, None, Cycles(phases=(), rate=None, rho=None)) is not None
+    assert "no pin reaches agent 1" in str(why_not(ring({}), None, claim))
+
+
+@pytest.mark.slow
+def test_where_weights_are_not_known_the_graphs_decide():
+    """Half a ring hears at a time: far out, where exp is steep, the box has no weights of a moderate shape."""
+    result = certify(ring({1: 5, 6: 5}, region={"initial_states": [-4, 4]}))
+    check = schedule_of(result)
+    assert check.verdict is Verdict.PROVED, check.reason
+    assert check.rate is None
+    assert check.claim.phases == ()
+    assert "every error decays." in check.reason
+    document = json.loads(certificate_bytes(result.claims))
+    assert recheck(certificate_bytes(result.claims), result.problem).holds
+    (bent,) = [each for each in document["checks"] if each["id"] == "schedule"]
+    bent["exact"]["rho"] = "3.999"
+    assert accepted_by(document, result.problem) == (False, False)
+
+
+def test_without_pins_nothing_is_proved():
+    check = schedule_of(certify(ring({}, region={"initial_states": [-4, 4]})))
+    assert check.verdict is Verdict.UNDECIDED
+    assert "no pin reaches agent 1" in check.reason
+
+
+@pytest.mark.slow
+def test_half_a_ring_at_a_time_near_the_target():
+    """The late factor per period of 2 s is 0.381549: 0.4818 per second."""
+    check = schedule_of(certify(ring({1: 5, 6: 5})))
+    assert check.verdict is Verdict.PROVED, check.reason
+    assert float(check.rate) >= 0.9 * 0.4818
+
+
+def test_starts_are_those_of_phases_that_may_be_first():
+    flat = Weights(times=(Fraction(0), ONE), v=((ONE,) * 3,) * 2)
+    high = Weights(times=(Fraction(0), ONE), v=((HALF,) * 3,) * 2)
+    claim = Cycles(phases=(flat, high), rate=ONE, rho=ONE)
+    zero = Fraction(0)
+    assert holds_starts(chain(guarantee="sequence", dwell=1), claim, radius=ONE, disturbance=zero)
+    assert not holds_starts(chain(guarantee="dwell", dwell=1), claim, radius=ONE, disturbance=zero)
+    assert holds_starts(chain(guarantee="dwell", dwell=1), claim, radius=HALF, disturbance=zero)
+    assert Phase(mode="A", shortest=ONE, longest=None, successors=(1,), first=True) in phases_of(
+        chain(guarantee="dwell", dwell=1)
+    )

@@ -1,0 +1,301 @@
+"""Signals that keep a guarantee: claims of `schedule` written by hand whose truth is known, and twins that just fail.
+
+Few segments, so that every row can be worked out on paper: of a linear one both ends of a segment decide.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from functools import cache
+from typing import Any
+
+from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, network, scalar
+from region_cases import ball, box, claim, doubles
+
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.certify import certify
+from dobc_design.certification.recheck import recheck
+from dobc_design.errors import CertificateError
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.groups import Observer
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Switching
+
+GLOBAL = "global"
+PAPER = "exp(y) - 1 + y"
+TURNS: Document = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": 1}
+CHAIN: Document = {"network": network({"A": [[3, 2]], "B": [[2, 1]]}, agents=3), "coupling": "y", "gains": {1: 1}}
+ONE_OR_BOTH = network({"A": [[2, 1]], "B": [[2, 1], [1, 2]]}, agents=2)
+PAIR: Document = {"network": ONE_OR_BOTH, "coupling": "y + y**3", "gains": {1: 5}}
+THREE = network({"A": [[2, 1]], "B": [[3, 2]], "C": []}, agents=3)
+WATCHED: Document = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
+DWELL: Document = {"guarantee": "dwell", "dwell": 1}
+UNEVEN: Document = {"guarantee": "sequence", "schedule": [[0, "A"], [1, "B"]], "period": 2}
+
+
+def _settings() -> dict[str, tuple[Document, Document]]:
+    """Small problems, and their [switching]."""
+    plane: Document = {"target": [0, 0], "gains": {1: 1, 2: [[1, 2], [-2, 1]]}}
+    return {
+        "chain": (CHAIN, TURNS),
+        "chain, listed": (CHAIN, TURNS | {"dwell": [1, 1]}),
+        "chain, in rounds": (CHAIN, UNEVEN),
+        "chain, by period": (CHAIN, TURNS | {"dwell": None, "period": 2}),
+        "chain, every mode": (CHAIN, TURNS | {"sequence": None}),
+        "chain, any signal": (CHAIN, {"guarantee": "arbitrary", "signal": "random", "dwell": 1}),
+        "chain, no guarantee": (CHAIN, {"signal": "random", "dwell": 1}),
+        "chain, one of two": (CHAIN, TURNS | {"sequence": ["A"]}),
+        "one mode": (CHAIN | {"network": network({"A": [[2, 1]]}, agents=2)}, TURNS | {"sequence": ["A"]}),
+        "chain, observed": (CHAIN | WATCHED, TURNS),
+        "chain, bad W": (CHAIN | WATCHED | {"observer": Observer(W=[[-1]])}, TURNS),
+        "pair": (PAIR, DWELL | {"longest": 2}),
+        "pair, for ever": (PAIR, DWELL),
+        "curved": (CHAIN | {"coupling": PAPER}, TURNS),
+        "curved, observed": (CHAIN | WATCHED | {"coupling": PAPER}, TURNS),
+        "sine": (CHAIN | {"coupling": "sin(y)"}, TURNS),
+        "flat": (CHAIN | {"coupling": "y**3"}, TURNS),
+        "three": (CHAIN | {"network": THREE}, DWELL | {"longest": 2}),
+        "three, in turn": (CHAIN | {"network": THREE}, TURNS | {"sequence": ["A", "C", "B"]}),
+        "two": (CHAIN, DWELL | {"longest": 2}),
+        "two, for ever": (CHAIN, DWELL),
+        "outward": (PAIR | {"coupling": "y"} | plane, DWELL),
+        "list": (PAIR | {"coupling": ["y1 + y2", "y2"], "target": [0, 0]}, DWELL),
+    }
+
+
+@cache
+def problems() -> dict[str, Problem]:
+    return {name: Problem(**own, switching=Switching(**turns)) for name, (own, turns) in _settings().items()}
+
+
+@cache
+def _frame(name: str) -> bytes:
+    """What is found without a guarantee, less what it says of regions."""
+    document = json.loads(certificate_bytes(certify(Problem(**_settings()[name][0])).claims))
+    known = (
+        "reachability",
+        "lemma1",
+        "theorem1",
+        "theorem2",
+        "observability",
+        "detectability",
+        "hurwitz",
+        "linearisation",
+    )
+    document["checks"] = [each for each in document["checks"] if each["id"] in known]
+    covered = {each["id"] for each in document["checks"]}
+    if document["verdict"] == "proved" and document["covered_by"] not in covered:
+        document |= {"verdict": "undecided", "rate": None, "covered_by": None}
+    return json.dumps(document).encode()
+
+
+def certificate(name: str, check: Document, data: bytes | None = None, **overall: Any) -> tuple[bytes, bytes]:
+    """The certificate with that check, which decides where it is faster, and the problem file."""
+    document, data = json.loads(_frame(name)), data or canonical_bytes(problems()[name])
+    document["problem_sha256"] = hashlib.sha256(data).hexdigest()
+    document["checks"].append(check)
+    if document["verdict"] != "proved" or (check["rate"] or 0) > document["rate"]:
+        document |= {"verdict": "proved", "rate": check["rate"], "covered_by": "schedule"}
+    return json.dumps(document | overall).encode(), data
+
+
+def judged(case: Case) -> int:
+    """What the package says of a case: as the lone checker's exit code."""
+    try:
+        return HOLDS if recheck(case.certificate, problems()[case.name.partition(": ")[0]]).holds else FAILS
+    except CertificateError:
+        return UNREADABLE
+
+
+def schedule(domain: Any, rate: Any, rho: str | None, *phases: Document, exact: str | None = None) -> Document:
+    """``exact``: the rate of the claim, where that of the check is rounded."""
+    own = str(rate) if exact is None and rate is not None else exact
+    return claim("schedule", domain, rate, {"rate": own, "rho": rho, "phases": list(phases)}) | {"rate": rate}
+
+
+def phase(times: list[str], *v: list[str]) -> Document:
+    return {"times": times, "v": list(v)}
+
+
+def bent(check: Document, **changes: Any) -> Document:
+    """The check with changes; ``own`` is the rate of its claim."""
+    copied: Document = json.loads(json.dumps(check))
+    for key, value in changes.items():
+        inside = key == "own" or (key in copied["exact"] and key != "rate")
+        (copied["exact"] if inside else copied)["rate" if key == "own" else key] = value
+    return copied
+
+
+def moved(check: Document, p: int, k: int, i: int, value: str) -> Document:
+    """The weight of agent i at the k-th time of phase p changed."""
+    copied = bent(check)
+    copied["exact"]["phases"][p]["v"][k][i] = value
+    return copied
+
+
+def retimed(check: Document, times: list[str], *v: list[str], p: int = 0, **changes: Any) -> Document:
+    """Phase p replaced."""
+    copied = bent(check, **changes)
+    copied["exact"]["phases"][p] = phase(times, *v)
+    return copied
+
+
+# h = y, k_1 = 1. Where an agent hears nobody it stays; agent 1: b - a >= -b, so that it halves; agent 3 in A: b_3 - a_3
+# >= b_2 - b_3, so that (2, 4) falls to 3; agent 2 in B: 9/4 falls to (0.3 + 9/4)/2. 2 and 3 are handed over to 9/4 and
+# 27/8: exp(rate) = 9/8, the rate 0.117783; up to some ten thousandths.
+A_STARTS, A_ENDS = ["1", "2", "4"], ["0.5001", "2.0001", "3.0001"]
+B_STARTS, B_ENDS = ["3/5", "9/4", "27/8"], ["0.3001", "1.2752", "3.3751"]
+CHAINED = schedule(GLOBAL, 0.1177, None, phase(["0", "1"], A_STARTS, A_ENDS), phase(["0", "1"], B_STARTS, B_ENDS))
+# A - W C = -2: beta = 2; kappa (2 - 0.1177) 0.3001 >= 1 from 1.7703 on. From 1 and 1/2: 1 + 1.771/2 = 1.8855.
+PART: Document = {"P": [["1"]], "beta": "2", "kappa": "1.771", "size": "1"}
+OBSERVED: Document = CHAINED | {"exact": CHAINED["exact"] | PART}
+NEAR: Document = OBSERVED | {"domain": box(1, 0.5), "exact": OBSERVED["exact"] | {"rho": "1.8855"}}
+# y + y^3, k_1 = 5, rho = 1. Agent 2 hears agent 1: -(v_2 - v_1) as s goes to 0, so that 2, 5/4, 3/4 beside 1, 1/2, 1/4.
+# Agent 1 in B: d + d^3 - 5 v_1 with d = v_2 - v_1: -3, -1.33, -0.625. 5/4 is handed over until 2 s: 2 exp(-2 rate).
+BOTH = phase(["0", "1", "2"], ["1", "2"], ["1/2", "1.2501"], ["1/4", "0.7502"])
+CUBIC = schedule(box(1), 0.2349, "1", BOTH, BOTH)
+# Without an end: 5/4 <= 2 exp(-rate), and (1/2, 5/4) falls at 3/5 at rest.
+REST = phase(["0", "1"], ["1", "2"], ["1/2", "1.2501"])
+RESTING = schedule(box(1), 0.4699, "1", REST, REST)
+# Agent 2 does not fall at rest beside an agent 1 as far away; everything else holds up to ln(4/3)/3 = 0.0958.
+LEVEL = phase(["0", "1", "2", "3"], ["1", "2"], ["1/2", "1.2501"], ["1/4", "0.7502"], ["0.7502", "0.7502"])
+STANDING = schedule(box(1), 0.05, "1", LEVEL, LEVEL)
+GRAPHS = schedule(GLOBAL, None, None)
+CURVED = schedule(box(1), None, "1")
+# kappa 2 >= 1, and 1 + 1/2 * 1/2 = 5/4.
+SEEN: Document = bent(CURVED, domain=box(1, 0.5), rho="5/4")
+SEEN["exact"] |= PART | {"kappa": "1/2"}
+
+
+@cache
+def cycles_cases() -> list[Case]:
+    """All of them, the good ones first."""
+    return [*_good(), *_bent_weights(), *_bent_dwell(), *_bent_observer(), *_bent_graphs(), *_bent_problems()]
+
+
+def _case(name: str, code: int, check: Document, what: str, data: bytes | None = None, **overall: Any) -> Case:
+    return Case(f"{name}: {what}", *certificate(name, check, data, **overall), code)
+
+
+def _fails(name: str, check: Document, *changes: Document) -> Iterator[Case]:
+    """The claim with one of the changes at a time, of which none holds."""
+    for change in changes:
+        yield _case(name, FAILS, bent(check, **change), f"with {str(change)[:60]}")
+
+
+def _good() -> Iterator[Case]:
+    for name in ("chain", "chain, listed", "chain, in rounds", "chain, by period", "chain, every mode"):
+        yield _case(name, HOLDS, CHAINED, "true")
+    yield _case("chain", HOLDS, moved(CHAINED, 0, 1, 0, "0.5001"), "agent 1 slower")
+    yield _case("chain", HOLDS, bent(CHAINED, phases=[phase(["0", "1"], doubles(1, 2, 4), A_ENDS),
+                CHAINED["exact"]["phases"][1]]), "doubles")  # fmt: skip
+    yield _case("chain", HOLDS, bent(CHAINED, domain=box(9), rho="9"), "in a box")
+    yield _case("chain, observed", HOLDS, OBSERVED, "true")
+    yield _case("chain, observed", HOLDS, NEAR, "in a box")
+    yield _case("pair", HOLDS, CUBIC, "true")
+    yield _case("pair, for ever", HOLDS, RESTING, "true")
+    yield _case("chain", HOLDS, GRAPHS, "by the graphs")
+    yield _case("chain, in rounds", HOLDS, GRAPHS, "by the graphs")
+    yield _case("two", HOLDS, GRAPHS, "by the graphs")
+    yield _case("three, in turn", HOLDS, GRAPHS, "by the graphs")
+    yield _case("pair, for ever", HOLDS, schedule(box(1), None, "1"), "by the graphs")
+    yield _case("curved", HOLDS, CURVED, "by the graphs")
+    yield _case("sine", HOLDS, bent(CURVED, domain=box(0.7), rho="0.78"), "by the graphs, below pi/2")
+    yield _case("curved, observed", HOLDS, SEEN, "by the graphs")
+
+
+def _bent_weights() -> Iterator[Case]:
+    fewer = ((0, 1, 0, "0.4999"), (0, 1, 1, "1.9999"), (0, 1, 2, "2.9999"), (0, 0, 2, "4.001"), (1, 1, 0, "0.2999"))
+    handed = (1, 0, 1, "2.249"), (1, 0, 2, "3.374"), (0, 1, 1, "2.001"), (1, 1, 2, "4"), (1, 0, 0, "0.56")
+    for p, k, i, value in (*fewer, (1, 1, 1, "1.2749"), (1, 1, 2, "3.3749"), *handed):
+        yield _case("chain", FAILS, moved(CHAINED, p, k, i, value), f"phase {p}, time {k}, agent {i}: {value}")
+    yield from _fails("chain", CHAINED, {"own": "0.1178"}, {"rate": 0.12}, {"rate": -0.1}, {"rate": 0}, {"own": None})
+    yield from _fails("chain", CHAINED, {"own": "0"}, {"own": "-1"}, {"rate": None}, {"domain": box(1)})
+    yield from _fails("chain", CHAINED, {"rho": "1"}, {"verdict": "refuted"}, {"phases": []}, {"phases": None})
+    yield from _fails("chain", CHAINED, {"phases": CHAINED["exact"]["phases"][:1]}, {"own": "1e300"})
+    yield from _fails("chain", bent(CHAINED, domain=box(9), rho="9"), {"rho": "8.999"}, {"rho": "-9"}, {"rho": None})
+    yield from _fails("chain", bent(CHAINED, domain=box(9), rho="9"), {"domain": ball(9)}, {"domain": box(1, 0.1)})
+    slow: Document = {"own": "0.05", "rate": 0.05}
+    for what, times, v in (
+        ("before 0", ["-1", "1"], [A_STARTS, A_ENDS]),
+        ("at last", ["0", "1", "2"], [A_STARTS, A_ENDS, A_ENDS]),
+        ("back", ["0", "1", "1/2", "1"], [A_STARTS, A_ENDS, A_ENDS, A_ENDS]),
+        ("twice", ["0", "1", "1"], [A_STARTS, A_ENDS, A_ENDS]),
+        ("too early", ["0", "0.99"], [A_STARTS, A_ENDS]),
+        ("none", [], []),
+        ("three weights", ["0", "1"], [A_STARTS, A_ENDS, A_ENDS]),
+        ("one weight", ["0", "1"], [A_STARTS]),
+        ("two agents", ["0", "1"], [["1", "2"], ["1/2", "2"]]),
+        ("0", ["0", "1"], [["0", "2", "4"], A_ENDS]),
+    ):
+        yield _case("chain", FAILS, retimed(CHAINED, times, *v, **slow), f"times or weights: {what}")
+    long = [f"{k}/2001" for k in range(2001)] + ["1"]
+    yield _case("chain", FAILS, retimed(CHAINED, long, *[A_STARTS] * 2001, A_ENDS), "many times")
+    yield _case("curved", FAILS, CHAINED, "no rho where couplings are not linear")
+    yield _case("list", FAILS, bent(RESTING, rho="9"), "of a list")
+    for name in ("chain, any signal", "chain, no guarantee"):
+        yield _case(name, FAILS, CHAINED, "weights")
+    one = phase(["0", "1"], ["1", "2"], ["1/2", "5/4"])
+    ruled: Document = {"rate": 0.499999999, "covered_by": "lemma1"}
+    yield _case("one mode", FAILS, schedule(GLOBAL, 0.4, None, one), "no guarantee needed", **ruled)
+
+
+def _bent_dwell() -> Iterator[Case]:
+    yield from _fails("pair", CUBIC, {"own": "0.235"}, {"domain": box(1.001)}, {"rho": "0.999"}, {"rho": "2"})
+    yield from _fails("pair", CUBIC, {"phases": [REST, REST]}, {"phases": [BOTH, REST]}, {"phases": [BOTH] * 3})
+    for k, i, value in ((1, 1, "1.2499"), (2, 1, "0.7499"), (1, 0, "0.51"), (0, 0, "0.999"), (0, 1, "1.99")):
+        yield _case("pair", FAILS, moved(CUBIC, 0, k, i, value), f"time {k}, agent {i}: {value}")
+    late = phase(["0", "2"], ["1", "2"], ["1/2", "1"])
+    yield _case("pair", FAILS, bent(CUBIC, phases=[late, late]), "no weights at the shortest time")
+    name = "pair, for ever"
+    yield from _fails(name, RESTING, {"own": "0.47"}, {"domain": box(1.001)}, {"rho": "2.1"})
+    yield _case(name, FAILS, STANDING, "no fall at rest")
+    yield _case(name, HOLDS, retimed(bent(STANDING, phases=[BOTH, BOTH]), *_split(BOTH)), "a fall at rest")
+
+
+def _split(one: Document) -> tuple[Any, ...]:
+    return one["times"], *one["v"]
+
+
+def _bent_observer() -> Iterator[Case]:
+    name = "chain, observed"
+    sizes: tuple[Document, ...] = ({"kappa": "1.77"}, {"beta": "2.0001"}, {"size": "0.9999"}, {"P": [["0.9999"]]})
+    yield from _fails(name, OBSERVED, *sizes, {"P": [["-1"]]}, {"kappa": "-1.771"}, {"beta": "0.1177"})
+    yield from _fails(name, NEAR, *sizes, {"rho": "1.8854"}, {"domain": box(1, 0.501)}, {"domain": box(1.001, 0.5)})
+    yield from _fails(name, NEAR, {"kappa": "1.7711"}, {"rho": "0.1"})
+    # Twice negative: an observer whose error grows.
+    yield _case("chain, bad W", FAILS, bent(OBSERVED, beta="-1", kappa="-5"), "a negative kappa")
+    yield _case(name, FAILS, CHAINED, "no P")
+    yield _case("chain", FAILS, OBSERVED, "P without an exosystem")
+    name = "curved, observed"
+    yield from _fails(name, SEEN, {"kappa": "0.4999"}, {"rho": "1.2499"}, {"beta": "1.9999"}, {"beta": "2.0001"})
+
+
+def _bent_graphs() -> Iterator[Case]:
+    yield from _fails("chain", GRAPHS, {"rate": 0.1}, {"domain": box(1)}, {"phases": CHAINED["exact"]["phases"]})
+    yield _case("chain, one of two", FAILS, GRAPHS, "one mode over and over")
+    for name in ("three", "two, for ever", "chain, any signal"):
+        yield _case(name, FAILS, GRAPHS, "not every agent is reached")
+    yield _case("outward", FAILS, GRAPHS, "a gain pushes outward")
+    yield _case("flat", FAILS, CURVED, "slope 0")
+    yield _case("sine", FAILS, CURVED, "it falls")
+    yield _case("sine", FAILS, bent(CURVED, domain=box(0.7), rho="0.79"), "it falls, at the end")
+    yield _case("curved", FAILS, GRAPHS, "no rho")
+    yield from _fails("curved", CURVED, {"domain": box(1.001)}, {"rho": "0.999"}, {"own": "0"}, {"verdict": "refuted"})
+
+
+def _bent_problems() -> Iterator[Case]:
+    """Problem files that the package does not write."""
+    times = bent(CHAINED, phases=[phase(["0"], A_STARTS)] * 2)
+    for name, change, check in (
+        ("chain", {"sequence": ["A", "X"]}, CHAINED),
+        ("chain", {"dwell": "0"}, times),
+        ("chain, in rounds", {"schedule": [["0", "A"], ["0", "B"]]}, times),
+        ("two", {"dwell": "0"}, GRAPHS),
+        ("two", {"dwell": None}, GRAPHS),
+    ):
+        document = json.loads(canonical_bytes(problems()[name]))
+        document["switching"] |= change
+        yield _case(name, FAILS, check, f"bent problem, {change}", json.dumps(document).encode())

@@ -22,6 +22,7 @@ from dobc_design.problem.arrays import arc_table
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import GIVEN_UP, Array
+from dobc_design.solvers.sparse import factored
 
 
 def float_lambda(problem: Problem, mode: str, *, pins: bool = True, twice: bool = False) -> Any:
@@ -156,8 +157,7 @@ def _solved(work: _Work, shift: float, right: Array) -> Array | None:
         return found if done else None
     work.products += 20  # about what the time of one sparse factorisation is worth
     try:
-        shifted = sparse.csc_array(work.matrix - shift * sparse.eye_array(len(right)))
-        found = np.asarray(sparse.linalg.splu(shifted).solve(right))
+        found = np.asarray(factored(work.matrix - shift * sparse.eye_array(len(right))).solve(right))
     except GIVEN_UP:
         return None
     return found if np.all(np.isfinite(found)) else None

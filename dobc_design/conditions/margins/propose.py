@@ -9,6 +9,7 @@ from dobc_design.conditions.separable.claim import Errors, holding_gains
 from dobc_design.problem.arrays import coupling_places
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
+from dobc_design.solvers.sparse import factored
 
 ROUNDS, CLOSE = 100, 1e-9
 
@@ -34,7 +35,7 @@ def common_vector(problem: Problem, errors: Errors) -> Array | None:
         worst = np.argmin([table @ v for table in tables], axis=0)
         M = sum(sparse.diags_array((worst == k).astype(float)) @ table for k, table in enumerate(tables))
         try:
-            found = sparse.linalg.splu(sparse.csc_array(M)).solve(np.ones(n))
+            found = factored(M).solve(np.ones(n))
         except RuntimeError:  # singular
             return None
         if not np.all(np.isfinite(found)) or not np.all(found > 0):

@@ -27,6 +27,7 @@ from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.arrays import coupling_places, split_by
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
+from dobc_design.solvers.sparse import factored
 from dobc_design.verdict import Verdict
 
 logger = logging.getLogger("dobc_design")
@@ -249,7 +250,7 @@ def _solve(jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACC
     with np.errstate(all="ignore"):
         if len(places) <= FACTORED_AGENTS or block.nnz <= FEW_ENTRIES * len(places):
             try:
-                step[places] = sparse.linalg.splu(sparse.csc_array(block)).solve(right)
+                step[places] = factored(block).solve(right)
             except RuntimeError:  # exactly singular
                 return None
             return step

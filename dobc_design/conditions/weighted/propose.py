@@ -31,6 +31,7 @@ from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, solve_cones, svec
 from dobc_design.solvers.program import Array, round_matrix
+from dobc_design.solvers.sparse import factored
 
 PARTS = (1.0, 0.999, 0.99, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1, 0.01, 0.001, 0.0)  # of the rate that is thought possible
 CLOSEST = 0.99995  # of mu where eigenvalues are known
@@ -184,7 +185,7 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
             if iterates:
                 factors.append(sparse.linalg.spilu(shifted, drop_tol=DROPPED, fill_factor=FILL))
             else:  # without exchanges, which an M-matrix does not need, no digits of small entries are lost
-                factors.append(sparse.linalg.splu(shifted, diag_pivot_thresh=0.0))
+                factors.append(factored(shifted, diag_pivot_thresh=0.0))
         start = factors[0].solve(right, which)
         yield start
         if iterates:

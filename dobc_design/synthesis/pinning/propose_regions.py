@@ -24,6 +24,7 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
+from dobc_design.solvers.sparse import factored
 from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
 
 HELD = 1e9  # a gain, times the size of the rows, that holds an agent whatever the others do
@@ -267,9 +268,9 @@ class RegionSearch:
         others = np.setdiff1d(np.arange(self.problem.n), agents)
         others = others[np.abs(residual[others]) <= 1e-6 * np.maximum(scale[others], 1e-300)]
         pull = sparse.csr_array(jacobian[agents][:, others]).T @ prices[agents]
-        block = sparse.csc_array(sparse.csr_array(jacobian[others][:, others]).T)
+        block = sparse.csr_array(jacobian[others][:, others]).T
         with suppress(RuntimeError):  # exactly singular: no price
-            prices[others] = sparse.linalg.splu(block).solve(-pull) if len(others) else 0.0
+            prices[others] = factored(block).solve(-pull) if len(others) else 0.0
         prices = np.maximum(prices * v, 0.0)
         held = dict(zip(agents.tolist(), gains[agents].tolist(), strict=True))
         return RegionGains(gains=held, rate=rate, prices=prices, rate_price=float(np.sum(prices)))

@@ -1,0 +1,49 @@
+"""Factors of sparse matrices: singular ones end in an error, never in SuperLU's crash."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+import dobc_design
+from dobc_design.solvers.sparse import factored
+
+
+def test_matrices_whose_places_make_them_singular_are_refused():
+    for seed in range(200):
+        r = Random(seed)
+        n = r.randint(2, 25)
+        M = sparse.lil_array((n, n))
+        for i in range(1, n):  # row 0 is empty
+            for j in r.sample(range(n), r.randint(1, min(n, 4))):
+                M[i, j] = r.uniform(-1, 3)
+        for matrix in (M, M.T):
+            with pytest.raises(RuntimeError, match="singular by its places"):
+                factored(matrix)
+
+
+def test_numbers_that_are_not_finite_are_refused():
+    with pytest.raises(RuntimeError, match="not finite"):
+        factored(sparse.csr_array(np.array([[1.0, np.nan], [0.0, 1.0]])))
+
+
+def test_solutions_are_those_of_a_dense_solver_also_with_zeros_on_the_diagonal():
+    r = np.random.default_rng(3)
+    M = r.normal(size=(9, 9)) * (r.random((9, 9)) < 0.5) + np.roll(4 * np.eye(9), 1, axis=0)
+    np.fill_diagonal(M, 0.0)
+    right = r.normal(size=9)
+    assert factored(sparse.csr_array(M)).solve(right) == pytest.approx(np.linalg.solve(M, right))
+
+
+def test_nothing_else_calls_superlu():
+    found = [
+        path.name
+        for path in Path(dobc_design.__file__).parent.rglob("*.py")
+        if re.search(r"\bsplu\(|\bspsolve\(", path.read_text(encoding="utf-8"))
+    ]
+    assert found == ["sparse.py"]

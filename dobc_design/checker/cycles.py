@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from .files import Certificate, Problem
 from .intervals import by_decimal, enclosed
 from .matrices import ZERO
+from .moving import HALVINGS, LONGEST, TIMES, Box, Face, shown
 from .reading import maybe, need, rational, read, weights
-from .schedule import HALVINGS, LONGEST, TIMES, Box, Face, shown
 from .separable import Curve, composite, starts
 
 
@@ -46,29 +46,58 @@ def phases(p: Problem) -> list[Phase]:
     return [Phase(mode, time, time, [(k + 1) % len(order)], k == 0) for k, (mode, time) in turns]
 
 
+def timed(p: Problem) -> list[Phase]:
+    """The phases where it is said which one is on at every time, else none."""
+    return phases(p) if len(p.modes) > 1 and (p.switching or {}).get("guarantee") == "sequence" else []
+
+
+def turn_at(turns: list[Phase], time: Fraction) -> tuple[int, Fraction, Fraction]:
+    """The place of the timed phase that is on from a time on, when it began and when it ends."""
+    begun = time - time % sum(turn.shortest for turn in turns)
+    for place, turn in enumerate(turns):
+        if time < begun + turn.shortest:
+            return place, begun, begun + turn.shortest
+        begun += turn.shortest
+    raise AssertionError("a time lies in its round")
+
+
 def schedule(case: Certificate, check: Any) -> None:
     """N = max |e_i| / v_i(t) falls from phase to phase at the rate, or the graphs alone show that all errors decay."""
+    exact = read_cycles(case, check.exact)
+    need((check.rate is None) == (exact.rate is None), "it claims a rate that it does not have, or has one")
+    need(check.rate is None or 0 < check.rate <= exact.rate, "the rate is not between 0 and that of the claim")
+    keeps(case, exact)
+    if exact.rho is None:
+        need(check.domain == "global", "it has no rho and is not global")
+        return
+    starts(case, check.domain, "box")
+    turns = zip(phases(case.problem), exact.phases, strict=False)
+    firsts = [x for turn, each in turns if turn.first for x in each.v[0]]
+    left = exact.rho - check.domain.radius / min(firsts, default=Fraction(1))
+    noise = (exact.kappa * check.domain.disturbance) ** 2 * exact.size if case.problem.q else ZERO
+    need(left >= 0 and noise <= left**2, "the box leaves the region")
+
+
+def read_cycles(case: Certificate, value: Any) -> Any:
+    """Read weights that move from mode to mode, phase by phase; none where the graphs alone are claimed."""
     p = case.problem
     shape: dict[str, Any] = {"rate": maybe(rational), "rho": maybe(rational)}
     shape["phases"] = [{"times": [rational], "v": [partial(weights, p.n)]}]
     if p.q:
         shape |= {"P": ((rational,) * p.q,) * p.q, "beta": rational, "kappa": rational, "size": rational}
-    exact, turns = read(check.exact, shape), phases(p)
-    composite(case, exact)
+    exact = read(value, shape)
     need(all(0 < len(each.times) == len(each.v) <= TIMES for each in exact.phases), "there are no times, or too many")
-    need((check.rate is None) == (exact.rate is None), "it claims a rate that it does not have, or has one")
-    need(check.rate is None or 0 < check.rate <= exact.rate, "the rate is not between 0 and that of the claim")
+    return exact
+
+
+def keeps(case: Certificate, exact: Any) -> None:
+    """V = N + kappa E never rises and, with weights, falls at the rate over each phase."""
+    p, turns = case.problem, phases(case.problem)
+    composite(case, exact)
     least = min([x for each in exact.phases for v in each.v for x in v], default=Fraction(1))
     room = (exact.beta - (exact.rate or ZERO)) * exact.kappa * least if p.q else 1
     need(room >= 1 and (p.q == 0 or exact.kappa > 0), "kappa is too small")
-    if exact.rho is None:
-        need(check.domain == "global" == p.domain, "it has no rho and is not global")
-    else:
-        starts(case, check.domain, "box")
-        firsts = [x for turn, each in zip(turns, exact.phases, strict=False) if turn.first for x in each.v[0]]
-        left = exact.rho - check.domain.radius / min(firsts, default=Fraction(1))
-        noise = (exact.kappa * check.domain.disturbance) ** 2 * exact.size if p.q else ZERO
-        need(left >= 0 and noise <= left**2, "the box leaves the region")
+    need(exact.rho is not None or p.domain == "global", "it has no rho, and the couplings are not all linear")
     if exact.rate is None:
         need(not exact.phases, "it has weights and no rate")
         by_graphs(p, turns, exact.rho)

@@ -5,34 +5,22 @@ tube on the size W of the certificate, V of max-separable or the root of V of lu
 end)), and |e|_inf at most height W.
 """
 
-from collections.abc import Iterator
 from fractions import Fraction
 from functools import partial
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
-from .expressions import Coupling
-from .files import Certificate, Problem
-from .intervals import by_decimal, enclosed, negative, times, total
+from .cycles import keeps, read_cycles, timed, turn_at
+from .files import Certificate
+from .intervals import enclosed
 from .margins import root
 from .matrices import ZERO, identity, nonnegative, plus
+from .moving import HALVINGS, TIMES, Face, fading, shown
 from .quadratic import contained, inside, read_quadratic
 from .reading import an_object, need, rational, read, text, weights
-from .separable import Curve, Term, composite, on_pieces, pace, read_separable, rows, starts, supremum
+from .separable import Curve, composite, pace, read_separable, rows, starts
 
-TIMES = 2000  # of a tube at most
-HALVINGS = 12  # of a segment
-LONGEST = Fraction(16_000)
-
-Box = list[Fraction]
-
-
-class Face(NamedTuple):
-    """A face of the box, the one across, and its speed, on a part of a segment: at its two ends."""
-
-    own: tuple[Box, Box]
-    other: tuple[Box, Box]
-    speed: Box
+ONE = Fraction(1)
 
 
 def settling(case: Certificate, check: Any) -> None:
@@ -48,15 +36,9 @@ def settling(case: Certificate, check: Any) -> None:
 
     elapsed, after = exact.time - exact.tube.times[-1], exact.last
     need(elapsed >= 0, "the time is before the end of the tube")
-    speed = takes_over(case, exact.tube, after, check.domain)
-    need(
-        after.height * after.level * fading(speed * elapsed) <= exact.tolerance, "the tolerance is not reached by then"
-    )
-
-
-def fading(x: Fraction) -> Fraction:
-    """An upper bound of exp(-x) for x >= 0; beyond LONGEST it is not followed: it is smaller."""
-    return by_decimal("exp", (-min(x, LONGEST),) * 2)[1]
+    speed, wait = takes_over(case, exact.tube, after, check.domain)
+    most = after.height * after.level * fading(speed * max(ZERO, elapsed - wait))
+    need(most <= exact.tolerance, "the tolerance is not reached by then")
 
 
 def noise(case: Certificate, tube: Any, box: Any, time: Fraction) -> Fraction:
@@ -81,80 +63,56 @@ def moves(case: Certificate, tube: Any, box: Any) -> None:
     reach = enclosed(2 * max(x for face in (tube.upper, tube.lower) for x in map(max, face)))[1]
     couplings = {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}
     curves = {(h, mirrored): Curve(h, mirrored, -reach, reach) for h in couplings for mirrored in (False, True)}
+    turns = timed(p)
     loads = [noise(case, tube, box, time) for time in tube.times]
     for k in range(count - 1):
-        length = tube.times[k + 1] - tube.times[k]
+        length, on = tube.times[k + 1] - tube.times[k], list(p.modes)
+        if turns:
+            place, _, end = turn_at(turns, tube.times[k])
+            need(tube.times[k + 1] <= end, "the mode changes between two times")
+            on = [turns[place].mode]
         for own, other, mirrored in ((tube.upper, tube.lower, False), (tube.lower, tube.upper, True)):
             speed = [(b - a) / length for a, b in zip(own[k], own[k + 1], strict=True)]
             face = Face((own[k], own[k + 1]), (other[k], other[k + 1]), speed)
-            open_rows = [(heard[i], i) for heard in p.heard.values() for i in range(p.n)]
+            open_rows = [(p.heard[mode][i], i) for mode in on for i in range(p.n)]
             for arcs, i in open_rows:
                 held = shown(p, arcs, i, face, (loads[k], loads[k + 1]), curves, mirrored, HALVINGS)
                 need(held, f"the row of agent {p.labels[i]} is not shown from {float(tube.times[k])} s on")
 
 
-def shown(
-    p: Problem,
-    arcs: Any,
-    i: int,
-    face: Face,
-    loads: tuple[Fraction, Fraction],
-    curves: dict[tuple[Coupling, bool], Curve],
-    mirrored: bool,
-    halvings: int,
-    rho: Fraction = ZERO,
-) -> bool:
-    """Whether a row holds on a part of a segment, whole or in halves: what drives e_i outward on the face is at most
-    the speed of the face; with ``rho`` for the box times every s of (0, rho]."""
-    held = min(p.least_gain(i) * box[i] for box in face.own)
-    room, terms, slopes = held + face.speed[i] - max(loads), list[Term](), ZERO
-    for arc in arcs:
-        step = max(own[arc.j] - own[i] for own in face.own)
-        reach = max(other[arc.j] + own[i] for own, other in zip(face.own, face.other, strict=True))
-        p_side, q_side = ((enclosed(x)[1],) * 2 for x in (max(reach, -step), step))
-        terms.append((curves[arc.coupling, mirrored], enclosed(arc.w), p_side, q_side))
-        slopes += arc.w * max(g * x for g in arc.coupling.slope(0, 0) for x in (step, -reach))
-    if all(arc.coupling.straight for arc in arcs):
-        holds = slopes <= room
-    elif rho:
-        holds = on_pieces(terms, enclosed(room), (0.0, 0.0), enclosed(rho)[1])
-    else:
-        most = [(w, supremum(curve, low, high, 1.0, 1.0).at(1.0)) for curve, w, low, high in terms]
-        holds = total([negative(enclosed(room)), *(times(w, (x, x)) for w, x in most)])[1] <= 0
-    if holds:
-        return True
-    if not halvings:
-        return False
-    return all(shown(p, arcs, i, *part, curves, mirrored, halvings - 1, rho) for part in halves(face, loads))
-
-
-def halves(face: Face, loads: tuple[Fraction, Fraction]) -> Iterator[tuple[Face, tuple[Fraction, Fraction]]]:
-    """The two halves of a part of a segment."""
-    own, other = ([(a + b) / 2 for a, b in zip(*ends, strict=True)] for ends in (face.own, face.other))
-    load = sum(loads, ZERO) / 2
-    yield Face((face.own[0], own), (face.other[0], other), face.speed), (loads[0], load)
-    yield Face((own, face.own[1]), (other, face.other[1]), face.speed), (load, loads[1])
-
-
-def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> Fraction:
-    """The certificate at the end of the tube holds, and the last box lies in its level; its rate."""
+def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> tuple[Fraction, Fraction]:
+    """The certificate at the end of the tube holds, and the last box lies in its level; its rate, and for how long it
+    may not decay yet."""
     p, quadratic = case.problem, last.kind == "quadratic"
-    need(last.kind in ("max-separable", "quadratic"), "the kind is neither max-separable nor quadratic")
+    need(last.kind in ("max-separable", "quadratic", "schedule"), "the kind is not known")
     need(last.level > 0 and last.height > 0 and last.stretch > 0, "a size is not positive")
     widths = list(map(max, tube.upper[-1], tube.lower[-1]))
     left = noise(case, tube, box, tube.times[-1])
     if not quadratic:
-        claim = read_separable(case, last.certificate)
-        need(claim.rho is not None or p.domain == "global", "it has no rho, and the couplings are not all linear")
-        composite(case, claim)
-        rows(case, claim, claim.alpha, Fraction(1))
+        if last.kind == "schedule":
+            claim = read_cycles(case, last.certificate)
+            keeps(case, claim)
+            highest, v = max((x for each in claim.phases for y in each.v for x in y), default=ONE), [ONE] * p.n
+            speed, wait = claim.rate or ZERO, max((each.times[-1] for each in claim.phases), default=ZERO)
+            if claim.phases:
+                turns = timed(p)
+                need(bool(turns), "it is not said which phase is on when the tube ends")
+                place, begun, _ = turn_at(turns, tube.times[-1])
+                need(begun == tube.times[-1], "weights that move take over where a phase begins")
+                v = claim.phases[place].v[0]
+        else:
+            claim = read_separable(case, last.certificate)
+            need(claim.rho is not None or p.domain == "global", "it has no rho, and the couplings are not all linear")
+            composite(case, claim)
+            rows(case, claim, claim.alpha, Fraction(1))
+            highest, v, speed, wait = max(claim.v), claim.v, pace(case, claim), ZERO
+            need(speed > 0, "it does not decrease")
         alike = p.q == 0 or (claim.P, claim.beta, claim.size) == (tube.P, tube.beta, tube.size)
         need(alike and last.stretch == 1, "P, beta and size are not those of the tube")
-        need(last.height >= max(claim.v), "the height is too small")
+        need(last.height >= highest, "the height is too small")
         need(claim.rho is None or last.level <= claim.rho, "the level leaves the region")
-        size = max(b / v for b, v in zip(widths, claim.v, strict=True)) + (claim.kappa * left if p.q else ZERO)
+        size = max(b / v for b, v in zip(widths, v, strict=True)) + (claim.kappa * left if p.q else ZERO)
         need(last.level >= size, "the last box leaves the level")
-        speed = pace(case, claim)
     else:
         claim = read_quadratic(case, last.certificate)
         high = all(inside(claim.P_e, z, Fraction(1), last.height) for z in identity(p.n * p.m))
@@ -166,6 +124,6 @@ def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> Fraction:
         wide = [x for x in widths for _ in range(p.m)]
         square = sum(abs(x) * wide[a] * wide[b] for a, row in enumerate(claim.P_e) for b, x in enumerate(row))
         need(last.level**2 >= square + p.n * (last.stretch * left) ** 2, "the last box leaves the level")
-        speed = claim.rate
-    need(speed > 0, "it does not decrease")
-    return Fraction(speed)
+        speed, wait = claim.rate, ZERO
+        need(speed > 0, "it does not decrease")
+    return Fraction(speed), wait

@@ -108,7 +108,7 @@ def plot_envelope(ax: Axes, settling: Settling) -> Axes:
     ax.fill_between(times, bounds, foot, color=BLUE, alpha=0.10, linewidth=0)
     for stage in settling.stages[1:]:
         when = float(stage.start)
-        marker, colour, kind = ("s", PURPLE, "quadratic") if stage.is_quadratic else ("o", BLUE, "max-separable")
+        marker, colour, kind = ("s", PURPLE, stage.kind) if stage.kind == "quadratic" else ("o", BLUE, stage.kind)
         at, told = [settling.envelope(when)], f"next {kind}"
         ax.plot([when], at, zorder=4, markersize=4.5, linestyle="", marker=marker, color=colour, label=told)
     ax.axhline(tolerance, color=VERMILLION, linewidth=1.2, linestyle=DASHED, zorder=2, label="tolerance")

@@ -205,7 +205,8 @@ def stages_table(settling: Settling) -> doc.Table:
 def settling_sentence(settling: Settling) -> str:
     """The whole claim; a time is never shown shorter than it is, nor the box of starts larger."""
     errors = f" and |εᵢ| ≤ {lower(settling.disturbance)} for every i" if settling.disturbance else ""
-    text = f"From every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
+    starts = f"rom every start with |e|∞ ≤ {lower(settling.radius)}{errors} it is proved that |e(t)|∞ ≤"
+    text = f"F{starts}" if settling.guarantee is None else f"For {settling.guarantee}, f{starts}"
     text += f" {upper(float_above(settling.tolerance))} for all t ≥ {upper(settling.time or 0.0)} s,"
     return text + f" {'by one certificate' if len(settling.stages) == 1 else 'by a moving box and a certificate'}."
 

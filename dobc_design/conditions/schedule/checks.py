@@ -10,14 +10,13 @@ from typing import Any, Final
 from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.numbers import claimed, decimal_below, follows, is_short, read_rational, vector_from_json
-from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import lure_from_json, names_of
-from dobc_design.conditions.schedule.claim import QUADRATIC, SEPARABLE, ZERO, Descent, Tube
+from dobc_design.conditions.schedule.claim import QUADRATIC, SCHEDULE, SEPARABLE, ZERO, Descent, Last, Tube
 from dobc_design.conditions.schedule.cycles import Cycles, Weights, guarantee_in_words, holds_starts
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
-from dobc_design.conditions.schedule.decide import Settling, proved_reason, why_not
+from dobc_design.conditions.schedule.decide import Settling, guarantee_of, proved_reason, why_not
 from dobc_design.conditions.separable.checks import obstacle
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, separable_from_json
+from dobc_design.conditions.separable.claim import ErrorBound, separable_from_json
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -35,7 +34,7 @@ def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, do
         id="settling",
         verdict=Verdict.PROVED,
         domain=starts_in("box", radius, disturbance),
-        reason=proved_reason(settling.claim),
+        reason=proved_reason(problem, settling.claim),
         claim=replace(settling.claim, radius=claimed(radius), disturbance=claimed(disturbance)),
     )
     wrong = confirm(check, problem, W, domain=domain)
@@ -96,11 +95,13 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cy
     radius, disturbance = read_domain(check.domain, problem, kind="box")
     values = read_object(check.exact, ("tolerance", "time", "tube", "last"))
     last = read_object(values["last"], ("kind", "level", "height", "stretch", "certificate"))
-    if last["kind"] not in (SEPARABLE, QUADRATIC):
-        raise ValueError(f"kind must be {SEPARABLE} or {QUADRATIC}")
-    certificate: Separable | Lure
+    if last["kind"] not in (SEPARABLE, QUADRATIC, SCHEDULE):
+        raise ValueError(f"kind must be {SEPARABLE}, {QUADRATIC} or {SCHEDULE}")
+    certificate: Last
     if last["kind"] == QUADRATIC:
         certificate = lure_from_json(read_object(last["certificate"], names_of(problem)), problem, W)
+    elif last["kind"] == SCHEDULE:
+        certificate = _cycles_from_json(last["certificate"], problem)
     else:
         certificate = separable_from_json(last["certificate"], problem)
     return Descent(
@@ -162,4 +163,5 @@ def settling_of(problem: Problem, claim: Descent, reason: str) -> Settling:
         disturbance=claim.disturbance,
         tolerance=claim.tolerance,
         claim=claim,
+        guarantee=guarantee_of(problem, claim),
     )

@@ -3,10 +3,12 @@
 Claim: -lower(t) <= e(t) <= upper(t) on [0, T], linear between the times, from every start |e|_inf <= radius and
 |eps_i| <= disturbance, whatever modes are on; |C eps_i(t)| <= sqrt(size) disturbance exp(-beta t).  At T the box lies
 in {W <= level} of a certificate near the target, whose size W decays from there on; |e|_inf <= height W.
+Where the guarantee of [switching] says which mode is on at a time, only that one is on.
 
 Proof.  The box is subtangential: on a face that e_i touches, its derivative is no larger than that of the face, by the
 rows.  Where the certificate is max-separable, W = N + kappa E with the P of the tube; where it is quadratic, W^2 =
-e'P_e e + sum eps_i'P' eps_i <= sum |P_e|_kl b_k b_l + n stretch^2 E^2 for |e| <= b and P' <= stretch^2 P.
+e'P_e e + sum eps_i'P' eps_i <= sum |P_e|_kl b_k b_l + n stretch^2 E^2 for |e| <= b and P' <= stretch^2 P.  Weights that
+move under the guarantee (``cycles``) take over where a phase begins; without weights W = N + kappa E, v = 1, stays.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from typing import Any
 from dobc_design._show.cards import Card, Shown
 from dobc_design.conditions.numbers import vector_to_json
 from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Vector
@@ -25,8 +28,11 @@ from dobc_design.exact.number import number_text
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
-SEPARABLE, QUADRATIC = "max-separable", "quadratic"
+SEPARABLE, QUADRATIC, SCHEDULE = "max-separable", "quadratic", "schedule"
 ZERO, ONE = Fraction(0), Fraction(1)
+
+
+Last = Separable | Lure | Cycles  # what may take over
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -85,7 +91,7 @@ class Descent:
     it is quadratic).  Raises: SpecError unless all are > 0 (disturbance >= 0) and time is not before that end."""
 
     tube: Tube
-    certificate: Separable | Lure
+    certificate: Last
     level: Fraction
     height: Fraction
     stretch: Fraction = ONE
@@ -104,11 +110,12 @@ class Descent:
             raise SpecError("time must not lie before the end of the tube.", key="time")
 
     @property
-    def is_quadratic(self) -> bool:
-        return isinstance(self.certificate, Lure)
+    def kind(self) -> str:
+        """Of the certificate."""
+        return {Lure: QUADRATIC, Cycles: SCHEDULE}.get(type(self.certificate), SEPARABLE)
 
     def to_json(self) -> dict[str, Any]:
-        last: dict[str, Any] = {"kind": QUADRATIC if self.is_quadratic else SEPARABLE}
+        last: dict[str, Any] = {"kind": self.kind}
         last |= {name: number_text(getattr(self, name)) for name in ("level", "height", "stretch")}
         return {
             "tolerance": number_text(self.tolerance),

@@ -12,28 +12,29 @@ every agent from a pin, and with v = 1 (kappa beta >= 1) V <= rho holds for ever
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import combinations, pairwise
-from typing import Any
+from itertools import accumulate, combinations, pairwise
+from typing import Any, Final
 
 import numpy as np
 
 from dobc_design.conditions.numbers import vector_to_json
-from dobc_design.conditions.schedule.decide import shrunk
 from dobc_design.conditions.schedule.rows import Box, moving_rows
 from dobc_design.conditions.separable.claim import ErrorBound, acts_by_component, holding_gains
 from dobc_design.conditions.separable.decide import error_bound_obstacle
 from dobc_design.coupling.enclosures import Curve, jet, profile
 from dobc_design.errors import SpecError
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below, number_text
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
 ZERO, ONE = Fraction(0), Fraction(1)
+FARTHEST: Final = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,6 +77,45 @@ def phases_of(problem: Problem) -> tuple[Phase, ...]:
         Phase(mode=mode, shortest=time, longest=time, successors=((p + 1) % len(order),), first=p == 0)
         for p, (mode, time) in enumerate(zip(order, lengths, strict=True))
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Round:
+    """Phases that follow one another over and over, each of them as long as the guarantee says."""
+
+    phases: tuple[Phase, ...]
+    starts: tuple[Fraction, ...]  # of each phase, and of the next round
+
+    @classmethod
+    def of(cls, problem: Problem) -> Round | None:
+        """None where the guarantee does not say which mode is on at which time."""
+        phases = phases_of(problem)
+        if sum(phase.first for phase in phases) != 1:
+            return None
+        return cls(phases, tuple(accumulate((phase.shortest for phase in phases), initial=ZERO)))
+
+    def at(self, time: Fraction) -> tuple[int, Fraction, Fraction]:
+        """The place of the phase that is on from ``time`` (s) on, when it began and when it ends."""
+        begun = time - time % self.starts[-1]
+        place = bisect.bisect_right(self.starts, time - begun) - 1
+        return place, begun + self.starts[place], begun + self.starts[place + 1]
+
+
+def modes_on(problem: Problem, times: Sequence[Fraction]) -> list[str | None]:
+    """The mode that is on from each time (s) to the next: "" where any may be, None where it changes in between."""
+    turns = Round.of(problem)
+    if turns is None:
+        return [""] * (len(times) - 1)
+    on = [(turns.at(before), after) for before, after in pairwise(times)]
+    return [turns.phases[place].mode if after <= end else None for (place, _, end), after in on]
+
+
+def shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:
+    """Enclose value exp(-rate time) for value, rate, time >= 0."""
+    power = rate * time
+    if power > FARTHEST:
+        return Interval(ZERO, (exp(Interval.point(Fraction(-FARTHEST))) * value).hi)
+    return exp(Interval.point(-power)) * value
 
 
 def guarantee_in_words(problem: Problem) -> str:
@@ -124,6 +164,11 @@ class Cycles:
     def least(self) -> Fraction:
         """The least weight of all phases and times; 1 where there are none."""
         return min((x for each in self.phases for v in each.v for x in v), default=ONE)
+
+    @property
+    def most(self) -> Fraction:
+        """The largest weight of all phases and times; 1 where there are none."""
+        return max((x for each in self.phases for v in each.v for x in v), default=ONE)
 
     def to_json(self) -> dict[str, Any]:
         values: dict[str, Any] = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Final, overload
 
@@ -21,13 +21,15 @@ from dobc_design._show.text import significant_away_from_zero, significant_towar
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.sectors import relied_differences
-from dobc_design.conditions.schedule.claim import QUADRATIC, SEPARABLE, ZERO, Descent, Tube
+from dobc_design.conditions.schedule.claim import ONE, QUADRATIC, SCHEDULE, SEPARABLE, ZERO, Descent, Last, Tube
+from dobc_design.conditions.schedule.cycles import Cycles, Round, guarantee_in_words, modes_on, shrunk
+from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.rows import Box, MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle, verify_composite
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_semidefinite
-from dobc_design.exact.interval import Interval, exp, sqrt
+from dobc_design.exact.interval import Interval, sqrt
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.number import float_above
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -35,7 +37,12 @@ from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 Array = NDArray[np.float64]
-FARTHEST: Final = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)
+FINEST: Final = 16
+CALLED: Final = {
+    SEPARABLE: "a max-separable certificate",
+    QUADRATIC: "a quadratic certificate",
+    SCHEDULE: "weights that keep to the guarantee",
+}
 
 
 def why_not(problem: Problem, W: Matrix | None, claim: Descent) -> str | None:
@@ -44,17 +51,46 @@ def why_not(problem: Problem, W: Matrix | None, claim: Descent) -> str | None:
     return next((words for holds, words in needs if not holds), None)
 
 
-def open_segments(
-    problem: Problem, tube: Tube, *, disturbance: Fraction, rows: MovingRows | None = None
-) -> list[int] | None:
-    """The segments of a tube whose rows are not proved; None where rows cannot be decided.  ``rows``: those of the
-    problem, where they are known as far out as the tube."""
+def open_segments(problem: Problem, tube: Tube, *, disturbance: Fraction) -> list[int] | None:
+    """The segments of a tube whose rows are not proved; None where rows cannot be decided."""
+    boxes, on = Box.of(tube.upper, tube.lower), modes_on(problem, tube.times)
     most = max(x for face in (tube.upper, tube.lower) for box in face for x in box)
-    rows = moving_rows(problem, most) if rows is None or rows.most < most else rows
-    if rows is None:
-        return None
+    rows = RowsBySize(problem, most)
     load = np.array([float_above(noise(tube, disturbance, time).hi) for time in tube.times])
-    return rows.open_segments(Box.of(tube.upper, tube.lower), tube.times, load)
+    sizes = boxes.above.max(axis=(1, 2))
+    groups: dict[tuple[str | None, int], list[int]] = {}
+    for k, mode in enumerate(on):
+        groups.setdefault((mode, rows.level(max(sizes[k], sizes[k + 1]))), []).append(k)
+    left = list[int]()
+    for (mode, level), own in groups.items():
+        found = None if mode is None else rows.get(mode, level)
+        if found is None and mode is not None:
+            return None
+        left += own if found is None else found.open_segments(boxes, tube.times, load, only=own)
+    return sorted(left)
+
+
+@dataclass(frozen=True, slots=True)
+class RowsBySize:
+    """Moving rows of a mode, or under "" of all modes, for boxes up to ``most``, in tables as wide as boxes need."""
+
+    problem: Problem
+    most: Fraction
+    known: dict[tuple[str, int], MovingRows | None] = field(default_factory=dict)
+
+    def level(self, size: float) -> int:
+        """The finest tables that reach as far as a box of this size."""
+        return max((k for k in range(FINEST) if self._reach(k) >= size), default=0)
+
+    def get(self, mode: str, level: int = 0) -> MovingRows | None:
+        """As ``moving_rows``."""
+        if (mode, level) not in self.known:
+            modes = [mode] if mode else None
+            self.known[mode, level] = moving_rows(self.problem, self._reach(level), modes)
+        return self.known[mode, level]
+
+    def _reach(self, level: int) -> Fraction:
+        return self.most / Fraction(4) ** level
 
 
 def noise(tube: Tube, disturbance: Fraction, time: Fraction) -> Interval:
@@ -68,25 +104,39 @@ def level_at_the_end(problem: Problem, claim: Descent) -> Interval:
     """Enclose the largest size W that the certificate may have at the end of the tube; its square if quadratic."""
     tube, own = claim.tube, claim.certificate
     left, widths = noise(tube, claim.disturbance, tube.ends), tube.widths(-1)
-    if isinstance(own, Separable):
-        size = Interval.point(max(b / v for b, v in zip(widths, own.v, strict=True)))
+    if not isinstance(own, Lure):
+        size = Interval.point(max(b / v for b, v in zip(widths, weights_then(problem, claim), strict=True)))
         return size if own.error is None else size + left * own.error.kappa
     b, P_e = [x for x in widths for _ in range(problem.m)], own.P_e.entries
     total = sum((abs(x) * b[i] * b[j] * (1 + (i != j)) for (i, j), x in P_e.items()), ZERO)
     return (left * claim.stretch) ** 2 * problem.n + total
 
 
-def rate_near(certificate: Separable | Lure) -> Fraction:
-    """The rate (1/s) at which the size of a certificate decays."""
-    return composite_rate(certificate) if isinstance(certificate, Separable) else certificate.rate
+def weights_then(problem: Problem, claim: Descent) -> Sequence[Fraction]:
+    """The weights v (n,) with which a certificate that is not quadratic takes over."""
+    own, turns = claim.certificate, Round.of(problem)
+    if isinstance(own, Separable):
+        return tuple(own.v)
+    if isinstance(own, Lure) or turns is None or len(own.phases) != len(turns.phases):
+        return (ONE,) * problem.n
+    return own.phases[turns.at(claim.tube.ends)[0]].v[0]
 
 
-def shrunk(value: Fraction, rate: Fraction, time: Fraction) -> Interval:
-    """Enclose value exp(-rate time) for value, rate, time >= 0."""
-    power = rate * time
-    if power > FARTHEST:
-        return Interval(ZERO, (exp(Interval.point(Fraction(-FARTHEST))) * value).hi)
-    return exp(Interval.point(-power)) * value
+def rate_near(certificate: Last) -> Fraction:
+    """The rate (1/s) at which the size of a certificate decays; 0 where it is only known to stay."""
+    return composite_rate(certificate) if isinstance(certificate, Separable) else certificate.rate or ZERO
+
+
+def bound_after(claim: Descent, time: Fraction) -> Interval:
+    """Enclose a bound of |e|_inf from ``time`` (s) on, not before the end of the tube."""
+    return shrunk(claim.level, rate_near(claim.certificate), max(ZERO, time - counted_from(claim))) * claim.height
+
+
+def counted_from(claim: Descent) -> Fraction:
+    """When (s) the size begins to decay: weights that move fall phase by phase, and one may have begun just now."""
+    own = claim.certificate
+    waits = [each.times[-1] for each in own.phases] if isinstance(own, Cycles) else []
+    return claim.tube.ends + max(waits, default=ZERO)
 
 
 def _needs(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple[bool, str]]:
@@ -112,21 +162,32 @@ def _needs(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple
         if left:
             yield False, f"a row does not hold between {float(tube.times[left[0]]):.6g} s and the next time."
     yield from _last(problem, W, claim)
-    end = shrunk(claim.level, rate_near(claim.certificate), claim.time - tube.ends) * claim.height
-    yield end.hi <= claim.tolerance, "it does not bring |e|_inf down to the tolerance by the time claimed."
+    yield (
+        bound_after(claim, claim.time).hi <= claim.tolerance,
+        "it does not bring |e|_inf down to the tolerance by the time claimed.",
+    )
 
 
 def _last(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple[bool, str]]:
     """The certificate that takes over, and that the last box lies in its level set."""
     own, error = claim.certificate, claim.tube.error
-    if isinstance(own, Separable):
-        yield claim.stretch == 1, "stretch of a max-separable certificate is 1."
-        answer = verify_composite(problem, W, own)
-        yield answer.verdict is Verdict.PROVED, answer.reason
+    if not isinstance(own, Lure):
+        yield claim.stretch == 1, "stretch is 1 unless the certificate is quadratic."
+        if isinstance(own, Separable):
+            answer = verify_composite(problem, W, own)
+            yield answer.verdict is Verdict.PROVED, answer.reason
+            tallest = max(own.v)
+        else:
+            reason = why_not_cycles(problem, W, own)
+            yield reason is None, f"the weights under the guarantee: {reason}"
+            tallest = own.most
+            turns = Round.of(problem)
+            begun = turns is not None and turns.at(claim.tube.ends)[1] == claim.tube.ends
+            yield not own.phases or begun, "weights that move take over only where a phase begins."
         if own.error is not None and error is not None:
             same = (own.error.P, own.error.beta, own.error.size) == (error.P, error.beta, error.size)
             yield same, "the certificate and the tube have different P."
-        yield claim.height >= max(own.v), "height must be at least max v."
+        yield claim.height >= tallest, "height must be at least max v."
         yield own.rho is None or claim.level <= own.rho, "its level set reaches beyond the box of its rows."
         square = claim.level
     else:
@@ -149,13 +210,20 @@ def _last(problem: Problem, W: Matrix | None, claim: Descent) -> Iterator[tuple[
     yield square >= level_at_the_end(problem, claim).hi, "the last box of the tube does not lie in its level set."
 
 
-def proved_reason(claim: Descent) -> str:
+def guarantee_of(problem: Problem, claim: Descent) -> str | None:
+    """Which signals a claim is about, in words; None for arbitrary switching."""
+    timed = Round.of(problem) is not None and len(claim.tube.times) > 1
+    return guarantee_in_words(problem) if timed or isinstance(claim.certificate, Cycles) else None
+
+
+def proved_reason(problem: Problem, claim: Descent) -> str:
     """What a proved claim says, in a sentence."""
-    kind = "a quadratic" if claim.is_quadratic else "a max-separable"
-    how = f"by {kind} certificate."
+    signals = guarantee_of(problem, claim)
+    how = f"by {CALLED[claim.kind]}."
     if claim.tube.ends:
         how = f"by a box that moves until {float(claim.tube.ends):.6g} s and then {how[3:]}"
-    return f"|e(t)|_inf <= {float(claim.tolerance):.4g} for all t >= {float(claim.time):.6g} s, {how}"
+    about = "" if signals is None else f"for {signals}: "
+    return f"{about}|e(t)|_inf <= {float(claim.tolerance):.4g} for all t >= {float(claim.time):.6g} s, {how}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -167,17 +235,13 @@ class Stage(Shown):
     bound: Fraction
     rate: Fraction | None
 
-    @property
-    def is_quadratic(self) -> bool:
-        return self.kind == QUADRATIC
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Settling(Shown):
     """A settling time: |e(t)|_inf <= tolerance for all t >= time, from |e(0)|_inf <= radius, |eps_i(0)| <= disturbance.
 
-    PROVED with a ``claim``, for arbitrary switching among the modes; UNDECIDED without one.  ``single``: what one
-    certificate for the whole box gives, for comparison; None if none is proved.
+    PROVED with a ``claim``, for arbitrary switching among the modes or, in words, the signals of a ``guarantee``;
+    UNDECIDED without one.  ``single``: what one certificate for the whole box gives; None if none is proved.
     """
 
     verdict: Verdict
@@ -188,6 +252,7 @@ class Settling(Shown):
     tolerance: Fraction
     claim: Descent | None = None
     single: Descent | None = None
+    guarantee: str | None = None
 
     @property
     def time(self) -> float | None:
@@ -206,10 +271,10 @@ class Settling(Shown):
             return ()
         claim, tube = self.claim, self.claim.tube
         last = Stage(
-            kind=QUADRATIC if claim.is_quadratic else SEPARABLE,
+            kind=claim.kind,
             start=tube.ends,
             bound=claim.level * claim.height,
-            rate=rate_near(claim.certificate),
+            rate=rate_near(claim.certificate) or None,
         )
         if not tube.ends:
             return (last,)
@@ -276,5 +341,4 @@ def _bound(claim: Descent, t: float) -> float:
         return float_above(
             max(a + part * (b - a) for before, after in faces for a, b in zip(before, after, strict=True))
         )
-    left = shrunk(claim.level, rate_near(claim.certificate), when - tube.ends) * claim.height
-    return float_above(left.hi)
+    return float_above(bound_after(claim, when).hi)

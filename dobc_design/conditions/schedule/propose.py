@@ -7,13 +7,12 @@ Floating point; nothing here is a proof, but the certificates have been accepted
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import rounded_down
@@ -21,37 +20,46 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differences, verify_lure
 from dobc_design.conditions.quadratic.propose import fast_lures, linear_rate, raise_rate
 from dobc_design.conditions.quadratic.sectors import relied_differences
-from dobc_design.conditions.schedule import decide
-from dobc_design.conditions.schedule.claim import Tube
-from dobc_design.conditions.schedule.rows import Box, MovingRows, moving_rows
+from dobc_design.conditions.schedule import decide, propose_cycles
+from dobc_design.conditions.schedule.claim import Last, Tube
+from dobc_design.conditions.schedule.cycles import Cycles, Round, why_not
+from dobc_design.conditions.schedule.rows import Box, MovingRows
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.conditions.separable.propose import first_certificate, propose_separable
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import root_above
+from dobc_design.problem.arrays import unreached
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
 
-SLACKS: Final = (0.01, 0.05)  # of the speed of a face and of the rate near the target, by which faces fall more slowly
-EARLY: Final = 8.0  # times that, more at first, where faces bend and time is short
 LONGEST: Final = 10.0  # times what the rate near the target would take
-WIDER: Final = 1.05  # times what a box grows to where couplings rise; beyond it is given up
+WIDER: Final = 1.25  # times what a box grows to where couplings rise; beyond it is given up
 LEVELS: Final = (1.0, 0.3, 0.1, 0.03, 0.01)  # parts of the radius for which certificates near the target are sought
 RADII: Final = (0.03, 0.08, 0.16, 0.25)  # of quadratic ones
-SAMPLES: Final = 400  # times at which a certificate may take over
 ROOM: Final = 0.999  # of a level
-PARTS: Final = (0.0, 0.5, 1.0)  # of a segment, where its rows are looked at
-LONGEST_STEP: Final = 0.05  # of the whole time, of a segment
-MOST_SEGMENTS: Final = 1000
+SMALLEST: Final = 1e-300
 MOST_HALVINGS: Final = 40
-REFINED: Final = 6  # times that segments are halved whose rows are not proved
 OBSERVER: Final = 0.9  # of the decay rate of A - WC: that of E; 0.7 for the observer's pair of quadratic certificates
 PAIR: Final = 0.7
 SHARE: Final = Fraction(9, 10)  # of the rate of E that V = N + kappa E may use
 ABOVE: Final = 1e-7  # of numbers that have to be above a matrix, for rounding
-ACCURACY: Final = 1e-7  # of the trajectories
+ACCURACY: Final = 1e-7  # of the faces
+#: By which part of their speed and of the rate near the target faces fall more slowly, and how much a chord may bend.
+TRIED: Final = (
+    (0.0005, 0.002),
+    (0.001, 0.002),
+    (0.001, 0.004),
+    (0.003, 0.002),  # the first one for arbitrary switching
+    (0.01, 0.004),
+    (0.02, 0.02),
+    (0.05, 0.1),
+)
+FIRST_STEP: Final = 1e-4  # times 1 / rate
+MOST_TIMES: Final = 2000
+MOST_NEWTON: Final = 12
 #: Rows n m, and rows and channels of one mode, up to which quadratic certificates are looked for: dense programs.
 MOST_ROWS: Final = 24
 MOST_BLOCK: Final = 90
@@ -67,145 +75,163 @@ class Asked:
 
 
 @np.errstate(all="ignore")  # near the ends of the floats
-def approach(
-    problem: Problem, W: Matrix | None, asked: Asked, *, limit: float | None
-) -> tuple[Tube, Separable | Lure] | None:
-    """A tube from the box asked for, and the certificate that then gives the earliest settling time, before ``limit``
-    (s) if there is one; None if none is found."""
+def approach(problem: Problem, W: Matrix | None, asked: Asked, *, limit: float | None) -> Iterator[tuple[Tube, Last]]:
+    """Tubes from the box asked for, each with the certificate that then gives the earliest settling time, before
+    ``limit`` (s) if there is one; the tightest first."""
     error, exosystem = None, problem.joint_exosystem
     if exosystem is not None:
         error = None if W is None else propose_error_bound(exosystem, W, rate=OBSERVER * decay_rate(exosystem, W))
         if error is None:
-            return None
-    candidates = list(_near(problem, W, asked, error))
-    grown = asked.radius + (0 if error is None else asked.disturbance * root_above(error.size, unit=10**6) / error.beta)
-    rows = moving_rows(problem, grown * Fraction(WIDER))
-    if rows is None or not candidates:
-        return None
+            return
+    turns = Round.of(problem)
+    apart = turns is not None and any(unreached(problem, [arcs]) for arcs in problem.network.modes.values())
+    candidates = [] if apart else list[Last](_near(problem, W, asked, error))
     boxes = [each for each in candidates if isinstance(each, Separable)] or candidates
-    fastest = max(float(decide.rate_near(each)) for each in boxes)
-    for slack in SLACKS:
-        path = _Path.follow(rows, asked, error, slack=slack, fastest=fastest, limit=limit)
-        choice = None if path is None else _choose(problem, path, candidates, asked)
-        times = None if path is None or choice is None else path.times(choice[0])
-        for _ in range(REFINED):
-            if path is None or choice is None or times is None or len(times) > MOST_SEGMENTS:
-                break
-            tube = path.tube(times)
-            left = decide.open_segments(problem, tube, disturbance=asked.disturbance, rows=rows)
-            if not left:
-                return None if left is None else (tube, choice[1])
-            times = sorted([*times, *((times[k] + times[k + 1]) / 2 for k in left)])
-    return None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Path:
-    """The faces of the box over time: ``at(t)`` is (upper, lower) in one vector (2 n,), up to ``end`` (s)."""
-
-    rows: MovingRows
-    error: ErrorBound | None
-    size: float  # of |C eps_i| at the start
-    at: Any
-    end: float
-    start: Fraction
-
-    @classmethod
-    def follow(
-        cls,
-        rows: MovingRows,
-        asked: Asked,
-        error: ErrorBound | None,
-        *,
-        slack: float,
-        fastest: float,
-        limit: float | None,
-    ) -> _Path | None:
-        """Integrate until the box lies within the tolerance, or the ``limit`` is reached; None if the box grows."""
-        n, radius, goal = rows.size, float(asked.radius), float(asked.tolerance)
-        size = 0.0 if error is None else math.sqrt(float(error.size)) * float(asked.disturbance)
-        beta = 0.0 if error is None else float(error.beta)
-
-        def slopes(t: float, box: Array) -> Array:
-            faces = np.maximum(box, 0.0).reshape(1, 2, n)
-            asked = rows.needed(Box.floats(faces), np.array([size * math.exp(-beta * t)]))
-            return np.asarray(
-                asked + slack * (1 + EARLY * math.exp(-2 * fastest * t)) * (np.abs(asked) + fastest * faces)
-            ).ravel()
-
-        def small(t: float, box: Array) -> float:
-            return float(np.max(box)) - goal
-
-        def large(t: float, box: Array) -> float:
-            return ROOM * float(rows.most) - float(np.max(box))
-
-        small.terminal = large.terminal = True  # type: ignore[attr-defined]
-        longest = LONGEST * math.log(max(radius / goal, 2.0)) / fastest if limit is None else limit
-        found = solve_ivp(
-            slopes,
-            (0.0, longest),
-            np.full(2 * n, radius),
-            method="LSODA",
-            dense_output=True,
-            events=(small, large),
-            rtol=ACCURACY,
-            atol=ACCURACY * goal,
+    fastest = max((float(decide.rate_near(each)) for each in boxes), default=0.0)
+    if turns is not None:
+        candidates += _kept(problem, W, asked, error)
+        fastest = max(fastest, propose_cycles.late_rate(problem))
+    grown = asked.radius + (0 if error is None else asked.disturbance * root_above(error.size, unit=10**6) / error.beta)
+    rows = decide.RowsBySize(problem, grown * Fraction(WIDER))
+    modes = {phase.mode for phase in turns.phases} if turns is not None else {""}
+    if any(rows.get(mode) is None for mode in modes) or not candidates or not fastest > 0:
+        return
+    kappas = [own.error.kappa if own.error else Fraction(0) for own in candidates if isinstance(own, Cycles)]
+    rests = max(kappas, default=None)
+    for slack, bend in TRIED[0 if turns else 3 :]:
+        path = _Path(
+            rows=rows, turns=turns, error=error, asked=asked, slack=slack, bend=bend, fastest=fastest, rests=rests
         )
-        if found.status < 0 or len(found.t_events[1]):
-            return None
-        return cls(rows=rows, error=error, size=size, at=found.sol, end=float(found.t[-1]), start=asked.radius)
+        whole = path.follow(limit)
+        choice = _choose(problem, path, candidates, asked) if whole or (slack, bend) == TRIED[-1] else None
+        if choice is not None:
+            yield path.tube(choice[0]), choice[1]
 
-    def load(self, t: float) -> float:
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class _Path:
+    """Boxes (upper, lower) (2 n,) at times (s), so far apart as they bend, one at each change of modes.  On each chord
+    the faces are as fast as the rows ask at its slower end, and a little slower.  ``rests``: kappa of a certificate
+    that keeps its size, None if there is none."""
+
+    rows: decide.RowsBySize
+    turns: Round | None
+    error: ErrorBound | None
+    asked: Asked
+    slack: float
+    bend: float
+    fastest: float
+    rests: Fraction | None
+    times: list[Fraction] = field(default_factory=lambda: [Fraction(0)])
+    boxes: list[Array] = field(default_factory=list)
+    slopes: Array | None = None  # how those that the rows ask for change with the box
+
+    def follow(self, limit: float | None) -> bool:
+        """Go on until the box lies within the tolerance or the ``limit`` is reached; False if it does not."""
+        radius, goal = float(self.asked.radius), float(self.asked.tolerance)
+        goal = goal if self.rests is None else goal * ROOM
+        kappa, most = float(self.rests or 0), ROOM * float(self.rows.most)
+        longest = LONGEST * math.log(max(radius / goal, 2.0)) / self.fastest if limit is None else limit
+        self.boxes, step = [np.full(2 * self.rows.problem.n, radius)], FIRST_STEP / self.fastest
+        while len(self.times) < MOST_TIMES and float(self.times[-1]) < longest:
+            now, box = self.times[-1], self.boxes[-1]
+            if float(box.max()) + kappa * self.load(now) <= goal:
+                return True
+            mode, change = "", None
+            if self.turns is not None:
+                place, _, change = self.turns.at(now)
+                mode = self.turns.phases[place].mode
+            rows = self.rows.get(mode, self.rows.level(float(box.max())))
+            if rows is None:
+                return False
+            before = self._asked(box, now, rows)
+            for _ in range(MOST_HALVINGS):
+                after = now + Fraction(f"{step:.4g}")
+                after = after if change is None else min(after, change)
+                found, tried = self._next(box, before, now, after, rows), float(after - now)
+                bent = math.inf
+                if found is not None:
+                    bent = float(np.max(np.abs(found[1] - before))) * tried / float(found[0].max())
+                if bent <= 2 * self.bend:
+                    break
+                step = tried / 2
+            else:
+                return False
+            assert found is not None
+            step = tried * min(2.0, math.sqrt(self.bend / max(bent, self.bend / 4)))
+            self.times.append(after)
+            self.boxes.append(found[0])
+            if float(found[0].max()) > most:
+                return False
+        return limit is not None and len(self.times) < MOST_TIMES
+
+    def _asked(self, box: Array, t: Fraction, rows: MovingRows) -> Array:
+        """The slopes of the faces that the rows ask for, and a little more."""
+        faces = box.reshape(1, 2, -1)
+        asked = rows.needed(Box.floats(faces), np.array([self.load(t)]))
+        return np.asarray(asked + self.slack * (np.abs(asked) + self.fastest * faces)).ravel()
+
+    def _next(
+        self, box: Array, before: Array, now: Fraction, after: Fraction, rows: MovingRows
+    ) -> tuple[Array, Array] | None:
+        """The box at the end of a chord, and what is asked there, by Newton's method; None if it does not settle."""
+        length, found, last = float(after - now), box.copy(), math.inf
+        for _ in range(MOST_NEWTON):
+            asked = self._asked(found, after, rows)
+            missed = box + length * np.maximum(before, asked) - found
+            left = float(np.max(np.abs(missed) / found))
+            if left <= ACCURACY * length * self.fastest:
+                return found, asked
+            if self.slopes is None or left > last / 4:
+                self.slopes = self._change(found, asked, after, rows)
+            last = left
+            J = np.where((asked >= before)[:, None], self.slopes, 0.0)
+            found = np.maximum(found + np.linalg.solve(np.eye(len(box)) - length * J, missed), found / 4)
+        return None
+
+    def _change(self, box: Array, asked: Array, t: Fraction, rows: MovingRows) -> Array:
+        widths = 1e-6 * box
+        moved = (box + np.diag(widths)).reshape(len(box), 2, -1)
+        found = rows.needed(Box.floats(moved), np.full(len(box), self.load(t)))
+        found += self.slack * (np.abs(found) + self.fastest * moved)
+        return np.asarray((found.reshape(len(box), -1) - asked).T / widths)
+
+    def load(self, t: Fraction) -> float:
         """|C eps_i| at most."""
-        return self.size * math.exp(-float(self.error.beta) * t) if self.error is not None else 0.0
+        if self.error is None:
+            return 0.0
+        return math.sqrt(float(self.error.size)) * float(self.asked.disturbance) * math.exp(-float(self.error.beta * t))
 
-    def times(self, end: float) -> list[float] | None:
-        """Times up to ``end``, as far apart as the rows seem to allow; None if they get too close."""
-        times, step = [0.0], LONGEST_STEP * end
-        while times[-1] < end:
-            now, tried = times[-1], 0
-            step = min(2 * step, LONGEST_STEP * end)
-            while not self._fits(now, min(now + step, end)):
-                step, tried = step / 2, tried + 1
-                if tried > MOST_HALVINGS:
-                    return None
-            times.append(min(now + step, end))
-            if len(times) > MOST_SEGMENTS:
-                return None
-        return times
-
-    def tube(self, times: list[float]) -> Tube:
-        """The chords between these times."""
-        n, exact = self.rows.size, [Fraction(f"{t:.12g}") for t in times]
-        boxes = [tuple(_above(x) for x in self.at(float(t)).tolist()) for t in exact]
-        boxes[0] = (self.start,) * (2 * n)
+    def tube(self, until: Fraction) -> Tube:
+        """The chords between the boxes up to a time of theirs."""
+        boxes = [tuple(_above(x, digits=9) for x in box.tolist()) for box in self.boxes[: self.times.index(until) + 1]]
+        boxes[0], n = (self.asked.radius,) * len(boxes[0]), len(boxes[0]) // 2
         return Tube(
-            times=tuple(exact),
+            times=tuple(self.times[: len(boxes)]),
             upper=tuple(box[:n] for box in boxes),
             lower=tuple(box[n:] for box in boxes),
             error=self.error,
         )
 
-    def _fits(self, start: float, end: float) -> bool:
-        boxes = np.stack([self.at(start), self.at(end)])
-        slope = (boxes[1] - boxes[0]) / (end - start)
-        chord = np.stack([boxes[0] + part * (boxes[1] - boxes[0]) for part in PARTS])
-        loads = np.array([self.load(start) + part * (self.load(end) - self.load(start)) for part in PARTS])
-        asked = self.rows.needed(Box.floats(chord.reshape(len(PARTS), 2, -1)), loads).reshape(len(PARTS), -1)
-        return bool(np.all(boxes > 0) and np.all(asked + ACCURACY * np.abs(asked) <= slope))
 
-
-def _choose(
-    problem: Problem, path: _Path, candidates: list[Separable | Lure], asked: Asked
-) -> tuple[float, Separable | Lure] | None:
+def _choose(problem: Problem, path: _Path, candidates: Sequence[Last], asked: Asked) -> tuple[Fraction, Last] | None:
     """When which certificate takes over, for the earliest settling time."""
-    times = np.linspace(0.0, path.end, SAMPLES)
-    boxes = path.at(times).T.reshape(len(times), 2, -1)
-    widths, loads = boxes.max(axis=1) * (1 + ACCURACY), np.array([path.load(t) for t in times])
-    best: tuple[float, float, Separable | Lure] | None = None
+    times, boxes = np.array([float(t) for t in path.times]), np.stack(path.boxes).reshape(len(path.boxes), 2, -1)
+    widths, loads = boxes.max(axis=1) * (1 + ACCURACY), np.array([path.load(t) for t in path.times])
+    best: tuple[float, int, Last] | None = None
     for each in candidates:
-        rate = float(decide.rate_near(each))
-        if isinstance(each, Separable):
+        rate, wait, mine = float(decide.rate_near(each)), 0.0, np.ones(len(times), dtype=bool)
+        if isinstance(each, Cycles):
+            v, wait = np.ones((len(times), len(widths[0]))), float(max((x.times[-1] for x in each.phases), default=0))
+            if path.turns is not None and each.phases:
+                at = [path.turns.at(t) for t in path.times]
+                mine = np.array([begun == t for (_, begun, _), t in zip(at, path.times, strict=True)])
+                first = np.array([[float(x) for x in phase.v[0]] for phase in each.phases])
+                v = first[[place for place, _, _ in at]]
+            kappa = 0.0 if each.error is None else float(each.error.kappa)
+            levels, height = (widths / v).max(axis=1) + kappa * loads, float(each.most)
+            most = math.inf if each.rho is None else float(each.rho)
+        elif isinstance(each, Separable):
             v = np.array([float(x) for x in each.v])
             kappa = 0.0 if each.error is None else float(each.error.kappa)
             levels, height = (widths / v).max(axis=1) + kappa * loads, float(v.max())
@@ -220,12 +246,13 @@ def _choose(
             if each.radius is not None:
                 wide = max(differences(each.P_e, relied_differences(problem)), default=Fraction(0))
                 most = float(each.radius) / math.sqrt(float(wide)) if wide else math.inf
-        total = times + np.maximum(np.log(levels * height / float(asked.tolerance)), 0.0) / rate
-        total = np.where(levels <= ROOM * most, total, np.inf)
+        left = np.maximum(np.log(levels * height / float(asked.tolerance)), 0.0)
+        total = times + np.where(left == 0, 0.0, wait + left / max(rate, SMALLEST))
+        total = np.where(mine & (levels <= most / ROOM if not rate else levels <= ROOM * most), total, np.inf)
         k = int(np.argmin(total))
         if np.isfinite(total[k]) and (best is None or total[k] < best[0]):
-            best = float(total[k]), float(times[k]), each
-    return None if best is None or not best[1] else best[1:]
+            best = float(total[k]), k, each
+    return None if best is None or not best[1] else (path.times[best[1]], best[2])
 
 
 def _near(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | None) -> Iterator[Separable | Lure]:
@@ -245,6 +272,21 @@ def _near(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | 
             slowest = max(slowest, float(composite_rate(found)))
             yield found
     yield from _quadratic(problem, W, [part * float(asked.radius) for part in RADII], slowest)
+
+
+def _kept(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | None) -> Iterator[Cycles]:
+    """Weights that move under the guarantee, and the tolerance itself as a box that is never left."""
+    if error is not None:
+        error = replace(error, kappa=Fraction(math.ceil(10**6 / error.beta), 10**6))
+    rests = Cycles(phases=(), rate=None, rho=None if problem.is_linear else asked.tolerance, error=error)
+    if why_not(problem, W, rests) is None:
+        yield rests
+    for part in [1.0] if problem.is_linear else LEVELS:
+        rho = None if problem.is_linear else Fraction(part) * asked.radius
+        found = next(propose_cycles.propose(problem, W, rho=rho, error=error), None)
+        if found is not None:
+            yield found
+            return
 
 
 def _quadratic(problem: Problem, W: Matrix | None, radii: list[float], slowest: float) -> Iterator[Lure]:

@@ -96,8 +96,7 @@ def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: 
     if len(known) < len(rows):
         return
     sizes = (1.0,) if rho is None else tuple(part * float(rho) for part in SIZES)
-    linear = _Linear.of(problem, phases)
-    top = 0.0 if linear is None else linear.estimate(problem.n)
+    linear, top = _Linear.of(problem, phases), late_rate(problem)
     if linear is None or not top > 0:
         return
     for part, slack in TRIED:
@@ -111,6 +110,12 @@ def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: 
         if claim is not None and why_not(problem, W, claim) is None:
             yield claim
             return
+
+
+def late_rate(problem: Problem) -> float:
+    """About the largest rate (1/s) near the target; 0 where none is seen."""
+    linear = _Linear.of(problem, phases_of(problem))
+    return 0.0 if linear is None else linear.estimate(problem.n)
 
 
 def _handed(flow: _Flow, start: Array, rate: float) -> Array | None:

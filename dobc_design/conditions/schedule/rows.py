@@ -9,7 +9,7 @@ and the lower one with l and u exchanged and -h(-y) in place of h.  A segment is
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -37,10 +37,15 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
 
-HALVINGS: Final = 7  # of a segment
+HALVINGS: Final = 11  # of a segment
 CELLS: Final = 2048  # of the tables: near the target rows have little room
 MARGIN: Final = Fraction(1, 2**20)  # by which tables reach further than boxes
 TOGETHER: Final = 2_000_000  # arcs that are looked at in one go
+
+
+def _sum(a: Any, b: Any, bound: Callable[[Array], Array]) -> Array:
+    """a + b, bounded by up or down; a sum of floats that is 0 is exact."""
+    return np.where(a + b == 0, 0.0, bound(a + b))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,10 +99,10 @@ class MovingRows:
         count, rows = len(start.below), self.size * self.modes
         boxes = (start,) if start is end else (start, end)
         steps, reaches = (
-            np.maximum.reduce([up(x) for x in each]).ravel()
+            np.maximum.reduce([_sum(a, b, up) for a, b in each]).ravel()
             for each in (
-                [box.above[:, own][:, speakers] - box.below[:, own][:, owners] for box in boxes],
-                [box.above[:, other][:, speakers] + box.above[:, own][:, owners] for box in boxes],
+                [(box.above[:, own][:, speakers], -box.below[:, own][:, owners]) for box in boxes],
+                [(box.above[:, other][:, speakers], box.above[:, own][:, owners]) for box in boxes],
             )
         )
         first = (self.layout.start[None, :-1] + len(owners) * np.arange(count)[:, None]).ravel()
@@ -133,19 +138,37 @@ class MovingRows:
         return worst - self.holds * v
 
     def open_segments(
-        self, boxes: Box, times: Sequence[Fraction], load: Array, *, low: float = 1.0, high: float = 1.0
+        self,
+        boxes: Box,
+        times: Sequence[Fraction],
+        load: Array,
+        *,
+        low: float = 1.0,
+        high: float = 1.0,
+        only: Sequence[int] | None = None,
     ) -> list[int]:
-        """The segments, of those from each box to the next, that are not proved for all s in [low, high].  ``load``: an
-        upper bound at each time, and on each segment of its chord; with low = high = 1 only."""
+        """The segments (default: all) from each box to the next that are not proved for all s in [low, high].
+        ``load``: an upper bound at each time, and on each segment of its chord; with low = high = 1 only."""
         lengths = [after - before for before, after in pairwise(times)]
         short, long = (np.array([bound(x) for x in lengths]) for bound in (float_below, float_above))
-        rise = down(boxes.below[1:] - boxes.above[:-1])
-        slopes = down(np.where(rise >= 0, rise / long[:, None, None], rise / short[:, None, None]))
-        return self.open_for(boxes, slopes, load, low=low, high=high)
+        rise = _sum(boxes.below[1:], -boxes.above[:-1], down)
+        slopes = np.where(rise >= 0, rise / long[:, None, None], rise / short[:, None, None])
+        slopes = np.where(rise == 0, 0.0, down(slopes))
+        return self.open_for(boxes, slopes, load, low=low, high=high, only=only)
 
-    def open_for(self, boxes: Box, slopes: Array, load: Array, *, low: float, high: float) -> list[int]:
+    def open_for(
+        self,
+        boxes: Box,
+        slopes: Array,
+        load: Array,
+        *,
+        low: float,
+        high: float,
+        only: Sequence[int] | None = None,
+    ) -> list[int]:
         """The same for given slopes (segments, 2, n) of the faces."""
-        parts: tuple[Any, Array, Array] = np.arange(len(slopes)), np.zeros(len(slopes)), np.ones(len(slopes))
+        places: Any = np.arange(len(slopes)) if only is None else np.array(only, dtype=np.int64)
+        parts: tuple[Any, Array, Array] = places, np.zeros(len(places)), np.ones(len(places))
         for _ in range(HALVINGS + 1):
             left = self._open_parts(boxes, slopes, load, parts, low, high)
             if not len(left):
@@ -165,13 +188,15 @@ class MovingRows:
             cuts = (first, first + width)
             ends = [boxes[segments].between(boxes[segments + 1], part) for part in cuts]
             loads = [up(up(load[segments] * (1 - part)) + up(load[segments + 1] * part)) for part in cuts]
-            most = np.maximum(*loads)[:, None]
+            loaded = np.maximum(load[segments], load[segments + 1]) > 0
+            most = np.where(loaded, np.maximum(*loads), 0.0)[:, None]
             bad = np.zeros(len(segments), dtype=bool)
             for place, face in enumerate(FACES):
                 sides = [(box.below[:, place], box.above[:, place]) for box in ends]
-                held = [np.minimum(self.holds * a, self.holds * b) for a, b in sides]
-                limits = down(down(np.minimum(*held)) + slopes[segments, place])
-                limits = np.repeat(down(limits - most)[:, None], self.modes, axis=1).ravel()
+                held = np.minimum(*(np.minimum(self.holds * a, self.holds * b) for a, b in sides))
+                held = np.where(self.holds == 0, 0.0, down(held))
+                limits = _sum(_sum(held, slopes[segments, place], down), -most, down)
+                limits = np.repeat(limits[:, None], self.modes, axis=1).ravel()
                 with np.errstate(invalid="ignore", over="ignore"):  # what is infinite proves nothing
                     rows = open_within(self._arcs(ends[0], ends[1], face), limits, face, self.kinds, high, low)
                 bad[np.unique(rows // (self.size * self.modes))] = True

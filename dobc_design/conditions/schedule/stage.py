@@ -23,7 +23,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
 from dobc_design.conditions.schedule.checks import cycles_check, settling_check
-from dobc_design.conditions.schedule.claim import ONE, ZERO, Descent, Tube
+from dobc_design.conditions.schedule.claim import ONE, ZERO, Descent, Last, Tube
 from dobc_design.conditions.schedule.cycles import Cycles, guarantee_in_words, holds_starts, phases_of, unreached_cycles
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling
@@ -116,32 +116,32 @@ def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progre
         if whole is not None:
             single = _proved(problem, W, asked, Tube.start(problem, asked.radius, whole.error), whole)
         progress("following the box of all starts")
-        found = propose.approach(problem, W, asked, limit=None if single is None else float(single.time))
-        if found is not None:
-            progress("deciding the moving box")
-            best = _proved(problem, W, asked, *found)
+        tubes = propose.approach(problem, W, asked, limit=None if single is None else float(single.time))
+        best = next((found for tube, last in tubes if (found := _proved(problem, W, asked, tube, last))), None)
         if best is None or (single is not None and single.time <= best.time):
             best = single
         reason = f"no moving box was found {starts}. Try a smaller radius or disturbance, or more pins."
     return Settling(
         verdict=Verdict.UNDECIDED if best is None else Verdict.PROVED,
-        reason=reason if best is None else f"{starts}, {decide.proved_reason(best)}",
+        reason=reason if best is None else f"{starts}, {decide.proved_reason(problem, best)}",
         problem_name=problem.name,
         radius=asked.radius,
         disturbance=asked.disturbance,
         tolerance=asked.tolerance,
         claim=best,
         single=single,
+        guarantee=None if best is None else decide.guarantee_of(problem, best),
     )
 
 
-def _proved(
-    problem: Problem, W: Matrix | None, asked: Asked, tube: Tube, certificate: Separable | Lure
-) -> Descent | None:
+def _proved(problem: Problem, W: Matrix | None, asked: Asked, tube: Tube, certificate: Last) -> Descent | None:
     """The claim of a tube and the certificate that takes over, levels and times rounded up, if it is proved."""
-    height = max(certificate.v) if isinstance(certificate, Separable) else ZERO
     stretch = ONE
-    if isinstance(certificate, Lure):
+    if isinstance(certificate, Separable):
+        height = max(certificate.v)
+    elif isinstance(certificate, Cycles):
+        height = certificate.most
+    else:
         height = _root_above(max(diagonal_of_inverse(certificate.P_e)))
         if certificate.P is not None and tube.error is not None:
             stretch = _root_above(propose.relative_bound(certificate.P, tube.error.P))
@@ -157,22 +157,24 @@ def _proved(
         time=tube.ends,
     )
     found = decide.level_at_the_end(problem, draft)
-    level = _up((sqrt(found) if draft.is_quadratic else found).hi)
-    if isinstance(certificate, Separable) and certificate.rho is not None:
+    level = _up((sqrt(found) if isinstance(certificate, Lure) else found).hi)
+    if not isinstance(certificate, Lure) and certificate.rho is not None:
         level = min(level, certificate.rho)  # the whole box may fill the level set exactly
     draft = replace(draft, level=level)
-    if decide.rate_near(certificate) <= 0:
-        return None
-    claim = replace(draft, time=_when(draft, asked.tolerance / height))
-    return claim if decide.why_not(problem, W, claim) is None else None
+    when = _when(draft, asked.tolerance / height)
+    claim = None if when is None else replace(draft, time=when)
+    return claim if claim is not None and decide.why_not(problem, W, claim) is None else None
 
 
-def _when(claim: Descent, size: Fraction) -> Fraction:
-    """A time (s) from which on the size of the certificate is at most ``size``."""
-    if size >= claim.level:
-        return claim.tube.ends
-    wait = log(Interval.point(claim.level / size)).hi / decide.rate_near(claim.certificate)
-    return Fraction(math.ceil((claim.tube.ends + wait) * TIMES) + 1, TIMES)  # one more, for wider enclosures of log
+def _when(claim: Descent, size: Fraction) -> Fraction | None:
+    """A time (s) from which on the size of the certificate is at most ``size``; None if there is none."""
+    rate = decide.rate_near(claim.certificate)
+    if size >= claim.level or rate <= 0:
+        return claim.tube.ends if size >= claim.level else None
+    wait = log(Interval.point(claim.level / size)).hi / rate
+    return Fraction(
+        math.ceil((decide.counted_from(claim) + wait) * TIMES) + 1, TIMES
+    )  # one more, for wider enclosures of log
 
 
 def _root_above(value: Fraction) -> Fraction:

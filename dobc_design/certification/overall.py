@@ -14,13 +14,14 @@ from dobc_design.conditions.consensus.network import cure_in_words, name_agents,
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
-from dobc_design.conditions.schedule.cycles import guarantee_in_words
+from dobc_design.conditions.schedule.cycles import cycles_of, guarantee_in_words, phases_of
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.problem.arrays import unreached
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+MOST_PHASES = 40  # of a guarantee, of which cycles are examined
 MOST = Fraction(10) ** 300  # what a sentence can show of a number
 ALONE = "Without [region] the verdict is about the consensus alone."
 
@@ -70,20 +71,35 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
 
 
 def _apart_reason(problem: Problem) -> str | None:
-    """Agents that nothing pulls to the target, if the region lets them start so."""
-    labels = problem.network.labels
-    apart = unreached(problem, problem.network.modes.values())
-    for group, free in unheld_groups(problem):
+    """Agents that nothing pulls to the target, in all modes or in a cycle that the guarantee allows, if the region lets
+    them start so."""
+    labels, modes, phases = problem.network.labels, problem.network.modes, phases_of(problem)
+    for cycle in (tuple(modes), *(cycles_of(phases) if len(phases) <= MOST_PHASES else ())):
+        reason = _apart_in(problem, cycle, labels)
+        if reason is not None:
+            return reason
+    return None
+
+
+def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> str | None:
+    """The same for these modes."""
+    arcs, whole = [problem.network.modes[mode] for mode in cycle], len(cycle) == len(problem.network.modes)
+    apart = unreached(problem, arcs)
+    for group, free in unheld_groups(problem, arcs):
         c = _start_apart(problem, group, free)
         if c is None:
             continue
         if set(group) <= set(apart):
-            who = name_agents(tuple(labels[i] for i in apart))
-            pins = f"no pinned agent reaches {who}, in any mode, so nothing pulls {'it' if len(apart) == 1 else 'them'}"
+            who, them = name_agents(tuple(labels[i] for i in apart)), "it" if len(apart) == 1 else "them"
+            pins = f"no pinned agent reaches {who}, in any mode, so nothing pulls {them}"
+            if not whole:
+                turns = f"mode {cycle[0]} stays" if len(cycle) == 1 else f"modes {' and '.join(cycle)} are"
+                pins = (
+                    f"while {turns} on, as the guarantee allows, no pinned agent reaches {who}, so nothing pulls {them}"
+                )
             if not problem.pinning.agents:
                 pins = f"no agent is pinned, so nothing pulls {who}"
-            cure = cure_in_words(problem, list(problem.network.modes.values()))
-            return f"Consensus fails: {pins} to the target. {cure}"
+            return f"Consensus fails: {pins} to the target. {cure_in_words(problem, arcs)}"
         direction = ", ".join(number_text(x) for x in c)
         text = f"Consensus fails: the gains of {name_agents(tuple(labels[i] for i in group))} leave the direction"
         text += f" ({direction}) free, and no other agent acts on it: an error in this direction never decays."

@@ -13,6 +13,8 @@ from .moving import HALVINGS, LONGEST, TIMES, Box, Face, shown
 from .reading import maybe, need, rational, read, weights
 from .separable import Curve, composite, starts
 
+PHASES = 40
+
 
 class Phase(NamedTuple):
     """A mode that is on for ``shortest`` to ``longest`` (None: for ever), then a phase of ``following``."""
@@ -143,6 +145,20 @@ def falls(p: Problem, turn: Phase, each: Any, exact: Any) -> None:
                 need(holds, f"the row of agent {p.labels[i]} in mode {turn.mode} is not shown")
 
 
+def cycles(turns: list[Phase]) -> list[tuple[str, ...]]:
+    """Modes that may be on over and over, and no other; no longer cycle lacks all of them."""
+    alone = [(turn.mode,) for turn in turns if turn.longest is None]
+    every = tuple(turn.mode for turn in turns)
+    return [*alone, *(combinations(every, 2) if len(turns) > 1 and all(turn.first for turn in turns) else [every])]
+
+
+def allowed(p: Problem) -> list[tuple[str, ...]]:
+    """All modes, and the cycles that a guarantee allows of at most PHASES phases."""
+    guaranteed = len(p.modes) > 1 and (p.switching or {}).get("guarantee") in ("dwell", "sequence")
+    turns = phases(p) if guaranteed else []
+    return [tuple(p.modes), *(cycles(turns) if 0 < len(turns) <= PHASES else [])]
+
+
 def by_graphs(p: Problem, turns: list[Phase], rho: Fraction | None) -> None:
     """Couplings rise on |y| <= 2 rho, strictly at 0, no gain pushes outward, and every cycle reaches every agent."""
     reach = enclosed(2 * (rho or ZERO))[1]
@@ -150,10 +166,7 @@ def by_graphs(p: Problem, turns: list[Phase], rho: Fraction | None) -> None:
     for h in {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}:
         need(min(h.slope(0, 0)) > 0, "a coupling does not rise at the target")
         need(h.straight or all(cell.way == 1 for cell in Curve(h, False, -reach, reach).table), "a coupling may fall")
-    alone = [(turn.mode,) for turn in turns if turn.longest is None]
-    every = tuple(turn.mode for turn in turns)
-    cycles = list(combinations(every, 2)) if len(turns) > 1 and all(turn.first for turn in turns) else [every]
-    for cycle in [*alone, *cycles]:
+    for cycle in cycles(turns):
         reached = {i for i in range(p.n) if p.least_gain(i) > 0}
         while True:
             heard = ((i, arc.j) for mode in cycle for i, arcs in enumerate(p.heard[mode]) for arc in arcs)

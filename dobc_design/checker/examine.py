@@ -7,7 +7,7 @@ from typing import Any
 
 from .accuracy import accuracy
 from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
-from .cycles import schedule
+from .cycles import allowed, schedule
 from .files import Certificate, Problem
 from .margins import actuators, tolerance
 from .matrices import product, stable
@@ -152,7 +152,8 @@ def refuted(case: Certificate) -> bool:
         if group.W is not None and not takes_long(group)
         for T, columns in [observable(group)]
     )
-    if p.escapes() or (p.region and any(check.id == "equilibrium" for check in found)) or not all(map(stable, parts)):
+    apart = any(p.escapes(cycle) for cycle in allowed(p))
+    if apart or (p.region and any(check.id == "equilibrium" for check in found)) or not all(map(stable, parts)):
         return True
     sides = [] if p.region is None else p.region.initial_states
     inside = (lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))

@@ -212,11 +212,11 @@ class Problem:
             found[arc.i if hears else arc.j].append(arc.j if hears else arc.i)
         return found
 
-    def escapes(self) -> bool:
-        """A closed set of agents (they listen to nobody outside) can stay away from the target, inside the region. The
-        smallest closed set around an agent has the fewest gains; a nonsingular gain in it holds the agent."""
+    def escapes(self, modes: Collection[str]) -> bool:
+        """A closed set of agents (they listen to nobody outside) can stay away from the target in these modes, inside
+        the region. The smallest closed set around an agent has the fewest gains; a nonsingular gain in it holds it."""
         nonsingular = [i for i, k in self.gains.items() if len(echelon(k)[0]) == self.m]
-        hears, held = self.edges(self.modes, True), reach(nonsingular, self.edges(self.modes, False))
+        hears, held = self.edges(modes, True), reach(nonsingular, self.edges(modes, False))
         return any(self.leaves_free(reach([i], hears)) for i in range(self.n) if i not in held)
 
     def leaves_free(self, group: set[int]) -> bool:

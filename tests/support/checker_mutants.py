@@ -28,8 +28,9 @@ FILES = (
     "accuracy",
     "margins",
     "quadratic",
-    "schedule",
+    "moving",
     "cycles",
+    "schedule",
     "examine",
 )
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}

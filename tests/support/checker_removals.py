@@ -20,6 +20,7 @@ FIRST = {
     "margins": margins_cases,
     "accuracy": accuracy_cases,
     "quadratic": quadratic_cases,
+    "moving": tube_cases,
     "schedule": tube_cases,
     "cycles": cycles_cases,
 }

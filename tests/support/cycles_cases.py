@@ -13,6 +13,9 @@ from typing import Any
 
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, network, scalar
 from region_cases import ball, box, claim, doubles
+from tube_cases import bent as changed
+from tube_cases import last, settling, tube
+from tube_cases import moved as shifted
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
@@ -172,7 +175,8 @@ SEEN["exact"] |= PART | {"kappa": "1/2"}
 @cache
 def cycles_cases() -> list[Case]:
     """All of them, the good ones first."""
-    return [*_good(), *_bent_weights(), *_bent_dwell(), *_bent_observer(), *_bent_graphs(), *_bent_problems()]
+    weights = (*_good(), *_bent_weights(), *_bent_dwell(), *_bent_observer(), *_bent_graphs(), *_bent_problems())
+    return [*weights, *_settled()]
 
 
 def _case(name: str, code: int, check: Document, what: str, data: bytes | None = None, **overall: Any) -> Case:
@@ -299,3 +303,50 @@ def _bent_problems() -> Iterator[Case]:
         document = json.loads(canonical_bytes(problems()[name]))
         document["switching"] |= change
         yield _case(name, FAILS, check, f"bent problem, {change}", json.dumps(document).encode())
+
+
+# From 1 the chain in A, B, A, up to a thousandth: agent 1 halves; agent 2 in B falls by 3/8 (1 - b <= 1/4 - b at its
+# end), agent 3 in the second A from 1 to 13/16 (b - 1 >= 5/8 - b).  Then V stays; or at 2 s weights take over:
+# N <= 0.626/2, and 4 * 0.313 exp(-0.1177 (t - 3)) is 1/2 at 3 + ln(2.504)/0.1177 = 10.798565.
+FALLING = ["1", "1", "1"], ["0.501", "1", "1"], ["0.251", "0.626", "1"], ["0.126", "0.626", "0.814"]
+STAYS = settling(
+    box(1), "0.814", "3", tube(["0", "1", "2", "3"], *FALLING), last("schedule", GRAPHS["exact"], "0.814", "1")
+)
+GOES_ON = settling(
+    box(1), "1/2", "10.7986", tube(["0", "1", "2"], *FALLING[:3]), last("schedule", CHAINED["exact"], "0.313", "4")
+)
+#: Boxes that stay as they are.
+WIDE = settling(
+    box(1), "9", "9", tube(["0", "1"], ["1"] * 3, ["1"] * 3), last("schedule", CHAINED["exact"], "5/3", "4")
+)
+
+
+def _settled() -> Iterator[Case]:
+    """Settling times under a guarantee."""
+
+    def settled(name: str, code: int, check: Document, what: str) -> Case:
+        frame = json.loads(_frame(name))
+        kept = {key: frame[key] for key in ("verdict", "rate", "covered_by")}
+        return Case(f"{name}: settling, {what}", *certificate(name, check, **kept), code)
+
+    def fails(name: str, check: Document, *changes: Document) -> Iterator[Case]:
+        return (settled(name, FAILS, changed(check, **each), f"with {str(each)[:60]}") for each in changes)
+
+    for check in (STAYS, GOES_ON, WIDE):
+        yield settled("chain", HOLDS, check, "true")
+    for k, i, value in ((1, 0, "0.499"), (2, 1, "0.624"), (3, 2, "0.812"), (1, 1, "0.999"), (2, 2, "0.999")):
+        yield settled("chain", FAILS, shifted(STAYS, k, i, value), f"time {k}, agent {i}: {value}")
+    yield settled("chain, any signal", FAILS, STAYS, "without its guarantee")
+    yield settled("two", FAILS, STAYS, "when modes may be on at any time")
+    yield from fails("chain", STAYS, {"level": "0.813"}, {"height": "0.999"}, {"tolerance": "0.813"}, {"stretch": "2"})
+    yield from fails("chain", STAYS, {"time": "2.9"}, {"rate": "0.1"}, {"kind": "cycles"}, {"phases": WIDE["exact"]})
+    yield from fails("chain", GOES_ON, {"time": "10.798"}, {"level": "0.312"}, {"height": "3.999"})
+    faster = changed(GOES_ON)
+    faster["exact"]["last"]["certificate"]["rate"] = "0.1178"
+    yield settled("chain", FAILS, faster, "a rate that weights do not have")
+    yield from fails("chain", WIDE, {"times": ["0", "2"]}, {"times": ["0", "1/2"]}, {"level": "1.66"})
+    at_once = settling(box(1), "9", "9", tube(["0"], ["1", "1"]), last("schedule", CUBIC["exact"], "1", "2"))
+    yield settled("pair", FAILS, at_once, "at the beginning of a phase that is not known")
+    near = settling(box(1), "1", "1", tube(["0"], ["1"] * 3), last("schedule", CURVED["exact"], "1", "1"))
+    yield settled("curved", HOLDS, near, "at once")
+    yield from fails("curved", near, {"rho": "0.999"}, {"rho": None}, {"level": "1.001"})

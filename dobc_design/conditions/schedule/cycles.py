@@ -241,15 +241,20 @@ def _by_graphs(problem: Problem, phases: Sequence[Phase], rho: Fraction | None) 
         yield False, f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
 
 
+def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
+    """The smallest sets of modes that may be on over and over, and no other."""
+    cycles: set[tuple[str, ...]] = {(phase.mode,) for phase in phases if phase.longest is None}
+    if len(phases) > 1 and all(phase.first for phase in phases):  # any other mode may follow: longer cycles hold two
+        cycles |= set(combinations((phase.mode for phase in phases), 2))
+    elif phases:
+        cycles.add(tuple(dict.fromkeys(phase.mode for phase in phases)))
+    return sorted(cycles)
+
+
 def unreached_cycles(problem: Problem, phases: Sequence[Phase]) -> Iterator[tuple[tuple[str, ...], str]]:
     """Modes of a cycle, or a mode that may stay on for ever, and the label of an agent that they do not reach."""
     graphs, gains = problem.network.modes, holding_gains(problem)
-    cycles: set[tuple[str, ...]] = {(phase.mode,) for phase in phases if phase.longest is None}
-    if len(phases) > 1 and all(phase.first for phase in phases):  # any other mode may follow: longer cycles hold two
-        cycles |= set(combinations(graphs, 2))
-    else:
-        cycles.add(tuple(dict.fromkeys(phase.mode for phase in phases)))
-    for cycle in sorted(cycles):
+    for cycle in cycles_of(phases):
         heard: dict[int, set[int]] = {}
         for mode in cycle:
             for i, j in zip(graphs[mode].listeners.tolist(), graphs[mode].speakers.tolist(), strict=True):

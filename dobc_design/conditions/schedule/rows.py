@@ -9,7 +9,7 @@ and the lower one with l and u exchanged and -h(-y) in place of h.  A segment is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -43,17 +43,19 @@ MARGIN: Final = Fraction(1, 2**20)  # by which tables reach further than boxes
 TOGETHER: Final = 2_000_000  # arcs that are looked at in one go
 
 
-def _sum(a: Any, b: Any, bound: Callable[[Array], Array]) -> Array:
-    """a + b, bounded by up or down; a sum of floats that is 0 is exact."""
-    return np.where(a + b == 0, 0.0, bound(a + b))
+def _sum(a: Any, b: Any) -> Array:
+    """a + b, rounded down; a sum of floats that is 0 is exact."""
+    return np.where(a + b == 0, 0.0, down(a + b))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Box:
-    """Boxes -lower <= e <= upper, (count, 2 faces, n): lower and upper bounds of what is meant; faces as in FACES."""
+    """Boxes -lower <= e <= upper, (count, 2 faces, n): lower and upper bounds of what is meant; faces as in FACES.
+    Where ``same`` is alike and not 0 so are the numbers."""
 
     below: Array
     above: Array
+    same: Array
 
     @classmethod
     def of(cls, upper: Sequence[Sequence[Fraction]], lower: Sequence[Sequence[Fraction]]) -> Box:
@@ -63,22 +65,30 @@ class Box:
             np.array([[[bound(x) for x in face] for face in box] for box in both])
             for bound in (float_below, float_above)
         )
-        return cls(below, above)
+        places: dict[Fraction, int] = {}
+        same = [[[places.setdefault(x, len(places) + 1) for x in face] for face in box] for box in both]
+        return cls(below, above, np.array(same))
 
     @classmethod
     def floats(cls, values: Array) -> Box:
         """Boxes that are meant as the floats say."""
-        return cls(values, values)
+        return cls(values, values, np.zeros(values.shape, dtype=np.int64))
 
     def __getitem__(self, places: Any) -> Box:
-        return Box(self.below[places], self.above[places])
+        return Box(self.below[places], self.above[places], self.same[places])
+
+    @staticmethod
+    def differ(a: Array, b: Array) -> Any:
+        """Which numbers may differ, of those that are the same as these."""
+        return (a != b) | (a == 0)
 
     def between(self, other: Box, part: Array) -> Box:
         """Where it is after a ``part`` (count,) of the way to ``other``; parts are exact."""
         part = part[:, None, None]
+        same = np.where(part == 0, self.same, np.where(part == 1, other.same, 0))
         below = np.where(part == 0, self.below, down(down(self.below * (1 - part)) + down(other.below * part)))
         above = np.where(part == 0, self.above, up(up(self.above * (1 - part)) + up(other.above * part)))
-        return Box(np.where(part == 1, other.below, below), np.where(part == 1, other.above, above))
+        return Box(np.where(part == 1, other.below, below), np.where(part == 1, other.above, above), same)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,13 +108,11 @@ class MovingRows:
         owners, speakers = self.layout.rows % self.size, self.layout.speakers
         count, rows = len(start.below), self.size * self.modes
         boxes = (start,) if start is end else (start, end)
-        steps, reaches = (
-            np.maximum.reduce([_sum(a, b, up) for a, b in each]).ravel()
-            for each in (
-                [(box.above[:, own][:, speakers], -box.below[:, own][:, owners]) for box in boxes],
-                [(box.above[:, other][:, speakers], box.above[:, own][:, owners]) for box in boxes],
-            )
-        )
+        apart = [Box.differ(box.same[:, own][:, speakers], box.same[:, own][:, owners]) for box in boxes]
+        wide = [up(box.above[:, own][:, speakers] - box.below[:, own][:, owners]) for box in boxes]
+        steps = np.maximum.reduce([np.where(a, b, 0.0) for a, b in zip(apart, wide, strict=True)]).ravel()
+        reaches = [up(box.above[:, other][:, speakers] + box.above[:, own][:, owners]) for box in boxes]
+        reaches = np.maximum.reduce(reaches).ravel()
         first = (self.layout.start[None, :-1] + len(owners) * np.arange(count)[:, None]).ravel()
         weights = self.layout.weights
         return ArcRows(
@@ -151,7 +159,8 @@ class MovingRows:
         ``load``: an upper bound at each time, and on each segment of its chord; with low = high = 1 only."""
         lengths = [after - before for before, after in pairwise(times)]
         short, long = (np.array([bound(x) for x in lengths]) for bound in (float_below, float_above))
-        rise = _sum(boxes.below[1:], -boxes.above[:-1], down)
+        rise = down(boxes.below[1:] - boxes.above[:-1])
+        rise = np.where(Box.differ(boxes.same[1:], boxes.same[:-1]), rise, 0.0)
         slopes = np.where(rise >= 0, rise / long[:, None, None], rise / short[:, None, None])
         slopes = np.where(rise == 0, 0.0, down(slopes))
         return self.open_for(boxes, slopes, load, low=low, high=high, only=only)
@@ -195,7 +204,7 @@ class MovingRows:
                 sides = [(box.below[:, place], box.above[:, place]) for box in ends]
                 held = np.minimum(*(np.minimum(self.holds * a, self.holds * b) for a, b in sides))
                 held = np.where(self.holds == 0, 0.0, down(held))
-                limits = _sum(_sum(held, slopes[segments, place], down), -most, down)
+                limits = _sum(_sum(held, slopes[segments, place]), -most)
                 limits = np.repeat(limits[:, None], self.modes, axis=1).ravel()
                 with np.errstate(invalid="ignore", over="ignore"):  # what is infinite proves nothing
                     rows = open_within(self._arcs(ends[0], ends[1], face), limits, face, self.kinds, high, low)
@@ -212,7 +221,7 @@ def moving_rows(problem: Problem, most: Fraction, modes: Sequence[str] | None = 
         profiles = tuple(profile(Curve(each.components[0]), radius) for each in problem.couplings)
         far = np.full(len(layout.rows), float_above(2 * most))
         arcs = ArcRows(layout.start, far, far, layout.weights, layout.kinds, (far[:0], far[:0]), ())
-        kinds = float_kinds(profiles, arcs, rho=1 + MARGIN / 2, cells=CELLS)
+        kinds = float_kinds(profiles, arcs, rho=1 + MARGIN / 2, cells=2 if problem.is_linear else CELLS)
     except UndefinedError:
         return None
     if kinds is None:

@@ -132,6 +132,12 @@ def test_a_guarantee_in_words():
 def test_cycles_that_do_not_reach_every_agent(own: Problem, missed):
     assert list(unreached_cycles(own, phases_of(own))) == missed
     assert (why_not(own, None, Cycles(phases=(), rate=None, rho=None)) is None) == (not missed)
+    certificate = certify(own)
+    assert certificate.verdict is (Verdict.REFUTED if missed else Verdict.PROVED)
+    assert recheck(certificate.claims, own).holds
+    if missed and own.pinning.agents:
+        assert f"agent {missed[0][1]}" in certificate.reason
+        assert ("as the guarantee allows" in certificate.reason) == ("in any mode" not in certificate.reason)
 
 
 def test_claims_that_cannot_be_are_refused():

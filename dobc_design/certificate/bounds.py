@@ -11,7 +11,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from typing import Final, Protocol
+from itertools import pairwise
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +26,8 @@ from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
-from dobc_design.conditions.schedule.decide import Settling
+from dobc_design.conditions.schedule.cycles import Cycles, phases_of
+from dobc_design.conditions.schedule.decide import Settling, shrunk
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError
@@ -127,12 +129,14 @@ def is_inside(domain: object, starts: Starts) -> bool:
 def _envelope(problem: Problem, check: Check, claim: Claim | None, starts: Starts) -> Envelope | None:
     """The bound of one check; None for one that gives none by itself."""
     domain, disturbance = check.domain, starts.disturbance
-    radius = starts.box if isinstance(claim, Separable) else starts.ball
+    radius = starts.box if isinstance(claim, Separable | Cycles) else starts.ball
     if isinstance(domain, Mapping):  # the largest value over the whole region
         radius, disturbance = (claimed(domain[name]) * (1 + ROUNDING) for name in ("radius", "disturbance"))
     if isinstance(claim, Separable):
         first = radius / claim.least + error_share(claim, disturbance, unit=10**18)
         return Envelope(id=check.id, height=first * max(claim.v), rate=composite_rate(claim))
+    if isinstance(claim, Cycles) and claim.rate is not None:
+        return _envelope_of_weights(problem, claim, radius, disturbance)
     if isinstance(claim, Lure | Shell):
         lure, level = lure_and_level(claim)
         first = eigenvalue_bound(lure.P_e) * radius**2 + _errors(problem, lure.P, disturbance)
@@ -143,6 +147,16 @@ def _envelope(problem: Problem, check: Check, claim: Claim | None, starts: Start
         first = radius**2 + _errors(problem, claim.pair.P, disturbance)
         return Envelope(id=check.id, height=_root(first), rate=claimed(check.rate))
     return None
+
+
+def _envelope_of_weights(problem: Problem, claim: Cycles, radius: Fraction, disturbance: Fraction) -> Envelope:
+    """V falls at the rate from the beginning of one phase to the next, and never rises; |e_i| <= v_i V in between."""
+    rate, begun = claim.rate or Fraction(0), zip(phases_of(problem), claim.phases, strict=True)
+    first = radius / min(x for phase, each in begun if phase.first for x in each.v[0])
+    first += error_share(claim, disturbance, unit=10**18)
+    parts = [part for each in claim.phases for part in pairwise(zip(each.times, each.v, strict=True))]
+    tallest = max(max(*old, *new) / shrunk(Fraction(1), rate, end).lo for (_, old), (end, new) in parts)
+    return Envelope(id="schedule", height=first * tallest, rate=rate)
 
 
 def _errors(problem: Problem, P: Matrix | None, disturbance: Fraction) -> Fraction:
@@ -201,8 +215,29 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
         settling = None
     with reading_claims():
         found = tuple(envelopes_of(problem, claims, starts))
+    if not keeps_guarantee(problem, json.loads(run.signal or "{}")):
+        found = tuple(each for each in found if each.id != "schedule")
     bound = CertifiedBound(envelopes=found, settling=settling)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
+
+
+def keeps_guarantee(problem: Problem, signal: Mapping[str, Any]) -> bool:
+    """Whether a signal of simulations, as JSON, is one that a proof by the guarantee of [switching] is about."""
+    phases, own = phases_of(problem), problem.switching
+    if own is None or not phases:
+        return True
+    kind, order = signal.get("signal"), list(signal.get("order") or problem.network.modes)
+    lasting = np.atleast_1d(signal.get("dwell") or 0.0)
+    shortest, longest = float(phases[0].shortest), float(phases[0].longest or np.inf)
+    if own.guarantee == "sequence":
+        turns = zip(order, np.broadcast_to(lasting, len(order)).tolist(), strict=True)
+        return kind == "periodic" and list(turns) == [(phase.mode, float(phase.shortest)) for phase in phases]
+    if kind == "periodic":
+        alone = any(a == b for a, b in zip(order, order[1:] + order[:1], strict=True))
+        return (longest == np.inf or not alone) and bool(shortest <= lasting.min() and lasting.max() <= longest)
+    if kind == "random":
+        return bool(shortest <= lasting[0]) and (signal["longest"] or np.inf) <= longest
+    return kind == "fixed" and longest == np.inf
 
 
 def _other_loop(run: RunLike) -> str:
@@ -220,11 +255,14 @@ def _other_loop(run: RunLike) -> str:
 
 def _nothing(claims: Claims, starts: Starts) -> str:
     """Why no check bounds these starts."""
+    held = [check for check in claims.checks if check.id == "schedule" and check.verdict is Verdict.PROVED]
+    if held and is_inside(held[0].domain, starts):
+        return f"the proof {'states no rate' if held[0].rate is None else 'is not about the signal of the run'}"
     where = f"|e|_inf = {float(starts.box):.4g} and |eps_i| = {float(starts.disturbance):.4g}"
     regions = [check.domain for check in claims.checks if not isinstance(check.domain, str)]
     if not regions:
         return "the certificate proves nothing about starts away from the target; ask for a [region]"
-    held = max(regions, key=lambda domain: (domain["kind"] == "box", domain["radius"]))
-    edge = "|e|_inf" if held["kind"] == "box" else "|e|"
-    proved = f"{edge} <= {held['radius']:.6g} with |eps_i| <= {held['disturbance']:.6g}"
+    most = max(regions, key=lambda domain: (domain["kind"] == "box", domain["radius"]))
+    edge = "|e|_inf" if most["kind"] == "box" else "|e|"
+    proved = f"{edge} <= {most['radius']:.6g} with |eps_i| <= {most['disturbance']:.6g}"
     return f"the run starts outside what is certified: {where}, and proved is {proved}"

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 from dobc_design._show.cards import Card, Shown, cut
 from dobc_design._show.text import latex_text
 from dobc_design.certificate.bounds import CertifiedBound, RunLike, certified_bound
-from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.certificate.files import make_folder, require_own, write_together
 from dobc_design.certificate.regions import Regions, certified_regions, certified_settling
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.schedule.cycles import Cycles, Phase, Weights, phases_of
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.canonical import canonical_bytes
@@ -94,6 +95,17 @@ class Certificate(Shown):
         """
         return certified_settling(self.problem, self.claims)
 
+    @property
+    def weights(self) -> tuple[tuple[Phase, Weights], ...]:
+        """The phases of the guarantee of [switching], each with its proved weights v(t) of max |e_i| / v_i; empty where
+        no `schedule` is proved with weights.  Raises: CertificateError for a claim that cannot be read."""
+        proved = (each for each in self.checks if each.id == "schedule" and each.verdict is Verdict.PROVED)
+        with reading_claims():
+            for claim in (claim_of(check, self.problem, self.claims.W) for check in proved):
+                if isinstance(claim, Cycles) and claim.phases:
+                    return tuple(zip(phases_of(self.problem), claim.phases, strict=True))
+        return ()
+
     def envelope(self, run: RunLike) -> CertifiedBound:
         """The proved bound of |e(t)|_inf from the start of a simulated run (or of all runs of an ensemble).
 
@@ -103,14 +115,16 @@ class Certificate(Shown):
         return certified_bound(self.problem, self.claims, run)
 
     def plot(self, ax: Any = None) -> Any:
-        """The certified regions: how far each method reaches, and from where each agent may start.
+        """The certified regions: how far each method reaches, from where each agent may start; and moving weights.
 
         Returns: a Sheet, which shows itself in Jupyter and saves itself, ``save("region.svg")``; with Matplotlib's
         ``ax`` these axes, with the first picture.
         """
         from dobc_design.plotting.regions import plot_regions, region_sheet
 
-        return region_sheet(self.regions) if ax is None else plot_regions(ax, self.regions)
+        if ax is not None:
+            return plot_regions(ax, self.regions)
+        return region_sheet(self.regions, weights=self.weights, labels=self.problem.network.labels)
 
     def check(self, id: str, mode: str | None = None) -> Check:
         """The check of that id (and mode).  Raises KeyError if there is none.

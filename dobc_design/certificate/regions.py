@@ -24,6 +24,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Descent
+from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
@@ -338,8 +339,8 @@ def _variant(check: Check) -> str:
     return f"{method}P_e {'= c I' if check.claim.shape == 'identity' else check.claim.shape}"
 
 
-def error_share(claim: Separable, disturbance: Fraction, *, unit: int) -> Fraction:
-    """What |eps_i| <= disturbance may take of V of a max-separable: kappa s sqrt(size), rounded up to 1/unit."""
+def error_share(claim: Separable | Cycles, disturbance: Fraction, *, unit: int) -> Fraction:
+    """What |eps_i| <= disturbance may take of V of weights: kappa s sqrt(size), rounded up to 1/unit."""
     if claim.error is None:
         return Fraction(0)
     return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=unit)

@@ -45,7 +45,7 @@ def simulate(
         list[str] | None, typer.Option(help="Stress: LABEL@TIME or LABEL@TIME:freeze; may be repeated.")
     ] = None,
     worst: Annotated[
-        bool, typer.Option("--worst", help="Stress: as bad as [uncertainty] and [actuators] allow.")
+        bool, typer.Option("--worst", help="As bad as [uncertainty], [actuators] and the guarantee allow.")
     ] = False,
     breaking: Annotated[
         bool, typer.Option("--what-breaks-first", help="Make every stress worse until the loop no longer converges.")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from textwrap import fill
 from typing import Any, Final
 
 from matplotlib.axes import Axes
@@ -15,6 +16,7 @@ from matplotlib.figure import Figure
 from dobc_design._show.text import lower
 from dobc_design.plotting import look
 from dobc_design.plotting.look import BLUE, DASHED, DOTTED, INK, MUTED, PAPER, VERMILLION, Sheet, short
+from dobc_design.plotting.weights import plot_weights
 
 ALONE: Final = 5.2  # inches, of one drawing in a file
 MOST_STARTS: Final = 24  # agents
@@ -48,7 +50,8 @@ def plot_regions(ax: Axes, regions: Any) -> Axes:
     ax.set_xlim(0, reach)
     # The method above its variant, so that names leave room for bars.
     names = (claim.method.partition(", ") for claim in claims)
-    name_rows(ax, ["\n".join(short(part, _LONGEST) for part in (first, rest) if part) for first, _, rest in names])
+    parts = [[fill(short(part, 2 * _LONGEST), _LONGEST) for part in each[::2] if part] for each in names]
+    name_rows(ax, ["\n".join(each) for each in parts])
     ax.tick_params(axis="y", length=0)
     ax.set_xlabel("distance from the goals at the start, in the unit of x")
     return look.legend_above(ax, least=1)
@@ -119,10 +122,12 @@ def height_of(regions: Any) -> float:
     return max(2.9, 1.1 + 0.42 * len(regions.claims))
 
 
-def region_sheet(regions: Any) -> Sheet:
-    """Both pictures side by side, to be shown in a notebook or saved."""
-    plots = [plot_regions, plot_starts] if regions.agents else [plot_regions]
-    return side_by_side(regions.name, [partial(plot, regions=regions) for plot in plots], height_of(regions) + 0.3)
+def region_sheet(regions: Any, *, weights: Sequence[Any] = (), labels: Sequence[str] = ()) -> Sheet:
+    """The pictures side by side, with ``weights`` their own, to be shown in a notebook or saved."""
+    plots: list[Callable[[Axes], object]] = [partial(plot_regions, regions=regions)]
+    plots += [partial(plot_starts, regions=regions)] if regions.agents else []
+    plots += [partial(plot_weights, weights=weights, labels=labels)] if weights else []
+    return side_by_side(regions.name, plots, height_of(regions) + 0.3)
 
 
 def side_by_side(name: str, drawn: Sequence[Callable[[Axes], object]], height: float) -> Sheet:

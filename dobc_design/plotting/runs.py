@@ -182,7 +182,7 @@ def plot_errors(
     if level:
         ax.set_ylim(0, 1.1 * float(every.max()))
     else:
-        _decades(ax)
+        tick_decades(ax)
     ax.set_ylabel("errors\nin the unit of x")
     return look.legend_above(ax, right=True)
 
@@ -200,7 +200,7 @@ def plot_quantiles(ax: Axes, times: Array, errors: Array, *, colour: str, what: 
     ax.fill_between(times[rows], shown[0], shown[4], color=colour, alpha=0.18, linewidth=0, label="5 to 95 %")
     ax.fill_between(times[rows], shown[1], shown[3], color=colour, alpha=0.34, linewidth=0, label="25 to 75 %")
     ax.plot(times[rows], np.where(np.isfinite(bands[2]), bands[2], np.nan), color=colour, label="median")
-    _decades(ax)
+    tick_decades(ax)
     ax.set_ylabel(what)
     return ax
 
@@ -246,7 +246,7 @@ def _draw_bound(ax: Axes, times: Array, values: Array, label: str = "certified b
     ax.plot(times, values, color=INK, linestyle=DASHED, linewidth=1.2, label=label)
 
 
-def _decades(ax: Axes) -> None:
+def tick_decades(ax: Axes) -> None:
     """Ticks at powers of ten; at 1, 2 and 5 of each where these are few; evenly in less than half a decade."""
     low, high = ax.get_ylim()
     decades = float(np.log10(high) - np.log10(max(low, 1e-300)))

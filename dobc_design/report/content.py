@@ -70,11 +70,12 @@ def report_document(
     *,
     analysis: Analysis | None = None,
     trajectory: Trajectory | None = None,
+    worst: Trajectory | None = None,
     lambdas: Mapping[str, Matrix] | None = None,
     searches: Sequence[Falsification] = (),
 ) -> doc.Document:
-    """The document.  ``analysis`` and ``trajectory`` are shown where they are given.  ``lambdas``: mode -> Lambda(J) at
-    the consensus, printed up to 12 x 12; ``searches`` for counterexamples."""
+    """The document.  ``analysis``, ``trajectory`` and ``worst``, a run with a slow signal, are shown where given.
+    ``lambdas``: mode -> Lambda(J) at the consensus, printed up to 12 x 12; ``searches`` for counterexamples."""
     problem, prints, verdict = certificate.problem, checks.fingerprints(certificate), certificate.verdict
     mark, proved = words.mark_of(verdict), verdict is Verdict.PROVED
     facts = [(name, told) for name, told in words.facts(certificate).items() if proved or told != "–"]
@@ -97,7 +98,7 @@ def report_document(
             _meaning(certificate),
             *plant_section(certificate),
             _loop(certificate),
-            *_bound(certificate, trajectory),
+            *_bound(certificate, trajectory, worst),
             *_next_step(certificate),
         ),
         details=(
@@ -139,12 +140,13 @@ def _loop(certificate: Certificate) -> doc.Section:
     return doc.Section("The loop", (doc.on_pages(*both), doc.in_markdown(*facts, *given)), "loop")
 
 
-def _bound(certificate: Certificate, trajectory: Trajectory | None) -> Iterator[doc.Block]:
-    """One picture: what is proved about the largest error, and one simulated run."""
+def _bound(certificate: Certificate, trajectory: Trajectory | None, worst: Trajectory | None) -> Iterator[doc.Block]:
+    """One picture: what is proved about the largest error, and one simulated run, or two."""
     if trajectory is not None and len(trajectory.times) > 1:
-        picture = pictures.error_picture(certificate, trajectory)
-        title = "Certified bound and simulation" if certificate.envelope(trajectory).sources else "One simulated run"
-        yield doc.on_pages(doc.Section(title, (doc.Pictures((picture,)),), "bound"))
+        picture = pictures.error_picture(certificate, trajectory, worst)
+        title = "Certified bound and simulation" if certificate.envelope(trajectory).sources else "Simulated error"
+        drawn = (picture, *pictures.weight_pictures(certificate))
+        yield doc.on_pages(doc.Section(title, (doc.Pictures(drawn),), "bound"))
 
 
 def _next_step(certificate: Certificate) -> Iterator[doc.Section]:

@@ -25,6 +25,7 @@ from dobc_design.falsification.suspect import Falsification
 from dobc_design.plotting import look, runs
 from dobc_design.plotting.look import Sheet
 from dobc_design.plotting.regions import drawn_agents, height_of, plot_regions, plot_starts, side_by_side
+from dobc_design.plotting.weights import draw_band, plot_weights
 from dobc_design.problem.problem import Problem
 from dobc_design.report import figures, region_words
 from dobc_design.report.document import Picture
@@ -176,12 +177,21 @@ def _state_picture(problem: Problem, trajectory: Trajectory, c: int) -> Picture:
     )
 
 
-def error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
-    """The error with what is proved about it: a bound where this start is covered, else the slope alone."""
+def error_picture(certificate: Certificate, trajectory: Trajectory, worst: Trajectory | None = None) -> Picture:
+    """The error with what is proved about it: a bound where this start is covered, else the slope alone; beside it that
+    of ``worst``, from the same start with a slow signal."""
     times, error, proved = trajectory.times, trajectory.error(), certificate.envelope(trajectory)
     caption = "Solid: |e|∞, the largest |xᵢ − goal| of all agents in one simulated run."
     alt = f"Largest error over time: {number(float(error[0]))} at the start, {number(float(error[-1]))} at the end"
-    envelope = None
+    envelope, errors, switches = None, {"|e|∞": error}, trajectory.switches
+    if worst is not None and len(worst.times) == len(times):
+        switches = worst.switches
+        errors = {"|e|∞, drawn signal": error, "|e|∞, slow signal": worst.error()}
+        caption = (
+            "Solid: |e|∞, the largest |xᵢ − goal| of all agents, in two simulated runs from one start. Slow signal,"
+        )
+        caption += " modes beneath: of short rounds that keep the guarantee the slowest for the linearised loop."
+        alt += f", with the slow signal {number(float(errors['|e|∞, slow signal'][-1]))}"
     if proved.sources:
         bound = proved(times)
         envelope = np.stack([times, bound], axis=1)
@@ -189,14 +199,14 @@ def error_picture(certificate: Certificate, trajectory: Trajectory) -> Picture:
         alt += f"; proved to be at most {number(float(bound[-1]))} there"
     elif certificate.rate:
         caption += " Dashed: the slope of the certified rate, for comparison."
+
+    draw = partial(runs.plot_errors, times=times, errors=errors, envelope=envelope, rate=certificate.rate)
     return Picture(
         name="error",
         title="Largest distance to the goals over time",
         caption=caption,
         alt=f"{alt}.",
-        draw=lambda ax: runs.in_time(
-            runs.plot_errors(ax, times, {"|e|∞": error}, envelope=envelope, rate=certificate.rate), times
-        ),
+        draw=lambda ax: draw_band(runs.in_time(draw(ax), times), switches, float(times[-1])),
         width=4.8,
     )
 
@@ -251,6 +261,23 @@ def envelope_pictures(settling: Settling | None) -> Iterator[Picture]:
             alt=region_words.envelope_alt(settling),
             draw=lambda ax: figures.plot_envelope(ax, settling),
             height=3.1,
+        )
+
+
+def weight_pictures(certificate: Certificate) -> Iterator[Picture]:
+    """The weights of a few agents over one round of phases; nothing without them."""
+    weights, labels = certificate.weights, certificate.problem.network.labels
+    if weights:
+        sizes = [float(x) for _, each in weights for v in each.v for x in v]
+        caption = "The largest |eᵢ|/vᵢ(t) of all agents grows at most by estimation errors. Where the mode changes"
+        caption += " (dotted: it may) the next weights are larger by at least the factor of the certified rate."
+        yield Picture(
+            name="weights",
+            title="Weights of the agents that prove it",
+            caption=caption,
+            alt=f"Weights over one round of {len(weights)} phases, from {number(min(sizes))} to {number(max(sizes))}.",
+            draw=lambda ax: plot_weights(ax, weights, labels=labels),
+            width=4.8,
         )
 
 

@@ -371,10 +371,11 @@ def problem_words(problem: Problem) -> str:
         told.append(f"The proof has to cover all starts with {_starts(problem.region)}.")
     if problem.switching is not None:
         allowed = "are about the arcs of the modes" if problem.switching.signal == "mobile" else "allow any signal"
+        run = "stays in one mode"
         if problem.switching.guarantee in ("dwell", "sequence"):
-            allowed += ", except those that say for which signals they hold"
+            allowed, run = f"{allowed}, except those that say for which signals they hold", "switches like that"
         told.append(f"Switching in simulations: {switching_words(problem)}.")
-        told.append(f"The run shown here stays in one mode, and the proofs {allowed}.")
+        told.append(f"The run shown here {run}, and the proofs {allowed}.")
     return " ".join(told)
 
 

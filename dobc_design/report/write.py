@@ -71,24 +71,31 @@ def render_report(
         require_typst()  # said before anything is computed
     say = report_to(progress)
     problem, gain = certificate.problem, certificate.claims.W
-    analysis, trajectory = None, None
+    analysis, trajectory, worst = None, None, None
     if problem.n * problem.m <= DRAWN and problem.q <= DRAWN_ORDER:
         from dobc_design.analysis.analysis import analyse as run_analysis
+        from dobc_design.conditions.schedule.cycles import phases_of
         from dobc_design.simulation.runs import fingerprint, run_once
         from dobc_design.simulation.setting import make_setting
+        from dobc_design.simulation.signals import signal_of
+        from dobc_design.simulation.worst import worst_signal
 
         say("computing diagnostics")
         with suppress(SpecError):  # beyond the floats, or too long for the integrator: no reason for no report
             analysis = run_analysis(problem, gain=gain)
             if not problem.groups or gain is not None:
                 say("simulating")
-                run = run_once(make_setting(problem, gain=gain))
+                own = signal_of(problem)[0] if phases_of(problem) else None  # without a guarantee the first mode
+                run = run_once(make_setting(problem, gain=gain, signal=own))
                 trajectory = replace(run, loop_sha256=fingerprint(problem, gain))
+                slow = worst_signal(problem)
+                worst = None if slow is None else run_once(make_setting(problem, gain=gain, signal=slow))
     say("writing the report")
     document = report_document(
         certificate,
         analysis=analysis,
         trajectory=trajectory,
+        worst=worst,
         lambdas=_shown_lambdas(problem),
         searches=searches,
     )

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dobc_design._show.cards import Card
 from dobc_design._show.progress import Reports, report_to, shows_progress
+from dobc_design.certificate.bounds import keeps_guarantee
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import wrong
@@ -41,6 +42,7 @@ from dobc_design.simulation.signals import Mobile, Signal, signal_of, signal_to_
 from dobc_design.simulation.stressed import StressedRuns, run_alone, run_stressed
 from dobc_design.simulation.switches import Modes, Nearby, Planned
 from dobc_design.simulation.trajectory import Trajectory
+from dobc_design.simulation.worst import worst_signal
 
 if TYPE_CHECKING:
     from dobc_design.plotting.runs import Envelope
@@ -181,8 +183,8 @@ def simulate(
     ``t_final`` (s) and ``seed`` default to the problem's.  ``samples``: how many, or the times from 0 on in s.
     ``observer``: "closed-form" integrates e with eps known, "full-loop" all equations as printed, "off" leaves the
     disturbance uncompensated.  ``tolerance`` of the integrator is relative.  ``stress``: noise, limits, losses and
-    failures; "worst": what [uncertainty] and [actuators] allow, at its worst.  ``progress``: True for a bar, or a
-    function of the part done, 0 to 1.
+    failures; "worst": what [uncertainty], [actuators] and the guarantee "dwell" allow, at its worst.  ``progress``:
+    True for a bar, or a function of the part done, 0 to 1.
     Returns: a Trajectory, or with ``runs`` an Ensemble; ``diverged`` says what had to stop early, and ``reason`` why.
     Raises: SpecError for a wrong argument.
     Example:
@@ -192,7 +194,12 @@ def simulate(
     """
     problem = load_problem(problem)
     remarks: list[str] = []
-    if signal is None and mode is None:
+    if stress == "worst" and signal is None and mode is None and (signal := worst_signal(problem)) is not None:
+        remarks.append(
+            "Signal: of short rounds that keep the guarantee, one under which the linearised loop decays slowest."
+        )
+        stress = settings.worst_stress(problem, needed=False)
+    elif signal is None and mode is None:
         signal, remark = signal_of(problem)
         remarks += [] if remark is None else [remark]
     if problem.groups and problem.joint_observer.W is None and observer != "off":
@@ -201,6 +208,8 @@ def simulate(
     given = Options(mode=mode, signal=signal, start=start, t_final=t_final, seed=seed, samples=samples, stress=stress)
     given |= {"observer": observer, "tolerance": tolerance}
     setting = settings.make_setting(problem, gain=gain, **given)
+    if not keeps_guarantee(problem, json.loads(signal_to_json(setting.signal))):
+        remarks.append("The signal need not keep the guarantee of [switching].")
     setting, mark = replace(setting, notes=(*remarks, *setting.notes)), fingerprint(problem, gain)
     if runs is None:
         return replace(run_once(setting, progress=report_to(progress)), loop_sha256=mark)

@@ -170,14 +170,16 @@ class Stress(Told):
         return "; ".join([*words, *map(str, self.failures)]) or "no stress"
 
 
-def worst_stress(problem: Problem) -> Stress:
-    """What [uncertainty] and [actuators] allow, at its worst.  Raises: SpecError if the problem has neither."""
+def worst_stress(problem: Problem, *, needed: bool = True) -> Stress:
+    """What [uncertainty] and [actuators] allow, at its worst.  Raises: SpecError if nothing, but ``needed``."""
     allowed, actuators = problem.uncertainty or Uncertainty(), problem.actuators
     limit = None if actuators is None or isinstance(actuators.limit, Mapping) else actuators.limit
     stress = Stress(noise=float(allowed.measurement), disturbance=float(allowed.disturbance), worst=True)
     if not (stress.noise or stress.disturbance) and (actuators is None or actuators.limit is None):
-        what = "has nothing to apply: the problem bounds no disturbance, no measurement noise and no input."
-        raise wrong("stress", what, "Give [uncertainty] disturbance or measurement, or [actuators] limit.")
+        if not needed:
+            return Stress()
+        what = "has nothing to apply: the problem bounds no disturbance, no measurement noise, no input and no signal."
+        raise wrong("stress", what, 'Give [uncertainty], [actuators] limit, or [switching] guarantee = "dwell".')
     return replace(stress, saturation=None if limit is None else float(limit))
 
 

@@ -72,7 +72,7 @@ class Periodic(Shown):
 class RandomDwell(Shown):
     """A mode drawn anew, each as likely as the other, after every ``dwell`` s.
 
-    With ``longest`` > dwell the time until the next draw is uniform between the two.
+    With ``longest`` every draw is another mode, and how long it lasts is uniform between ``dwell`` and ``longest``.
     """
 
     kind: ClassVar[str] = "random"
@@ -251,7 +251,8 @@ def signal_of(problem: Problem) -> tuple[Signal, str | None]:
     dwell = DWELL if own.dwell is None else _float(own.dwell, "switching.dwell")
     remark = f"switching.dwell is not given: {DWELL} s." if own.dwell is None else None
     if own.signal == "random":
-        return RandomDwell(dwell=dwell), remark
+        longest = None if own.longest is None else _float(own.longest, "switching.longest")
+        return RandomDwell(dwell=dwell, longest=longest), remark
     if own.signal == "periodic":
         return Periodic(dwell=dwell, order=own.sequence), remark
     rate, count = 1 / (dwell * (len(names) - 1)), range(len(names))

@@ -112,6 +112,7 @@ def _random(signal: RandomDwell, count: int, horizon: float, rng: np.random.Gene
     if signal.longest is None:
         times = signal.dwell * np.arange(most)
     else:
+        modes = np.cumsum([modes[0], *rng.integers(1, max(2, count), size=most - 1)]) % count
         times = np.concatenate([[0.0], np.cumsum(rng.uniform(signal.dwell, signal.longest, size=most))[:-1]])
     seen: Any = times < horizon
     return np.asarray(times[seen]), modes[seen]

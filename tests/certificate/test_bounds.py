@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from fractions import Fraction
 
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 
 import dobc_design as dd
-from dobc_design.certificate.bounds import certified_bound
+from dobc_design.certificate.bounds import certified_bound, keeps_guarantee
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
@@ -209,6 +211,87 @@ def test_a_settling_time_bounds_by_its_envelope(curved):
     assert bound.sources == ("settling",)
     np.testing.assert_array_equal(bound(run.times), settling.envelope(run.times))
     assert (run.error() <= bound(run.times)).all()
+
+
+def relay(**changes) -> Problem:
+    """Agents 2 and 3 hear the one before, each in one mode."""
+    network = Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
+    turns = {"guarantee": "dwell", "dwell": 1, "longest": "11/10"} | changes.pop("turns", {})
+    return Problem(network=network, coupling="2*y", gains={1: 2}, switching=dd.Switching(**turns), **changes)
+
+
+BY_GRAPHS = {"phases": (), "rate": None, "rho": None}
+DISTURBED = {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[4]])}
+
+
+@pytest.mark.parametrize("changes", [{}, DISTURBED, {"turns": {"guarantee": "sequence", "longest": None}}])
+def test_weights_under_a_guarantee_bound_every_run_that_keeps_it(changes):
+    certificate = dd.certify(relay(**changes))
+    assert certificate.covered_by == "schedule"
+    worst = [] if "turns" in changes else [dd.simulate(certificate.problem, stress="worst", t_final=12)]
+    for run in [*worst, *(dd.simulate(certificate.problem, seed=seed, t_final=12) for seed in range(3))]:
+        bound = certificate.envelope(run)
+        assert bound.sources == ("schedule",)
+        assert (run.error() <= bound(run.times)).all()
+        assert bound(12.0) == pytest.approx(bound(0.0) * np.exp(-12 * certificate.rate), rel=1e-4)
+
+
+def test_the_bound_by_weights_is_their_largest_over_their_least():
+    certificate = dd.certify(relay(turns={"guarantee": "sequence", "longest": None}))
+    phases = [(np.array(each.times, float), np.array(each.v, float)) for _, each in certificate.weights]
+    tallest = max((v.max(axis=1) * np.exp(certificate.rate * times)).max() for times, v in phases)
+    run = dd.simulate(certificate.problem, start={"x": [[2], [0], [0]]}, t_final=1)
+    found = float(certificate.envelope(run)(0.0)) / (2 * tallest / phases[0][1][0].min())
+    assert 1 <= found < 1.1
+
+
+@pytest.mark.parametrize(
+    ("signal", "kept"),
+    [
+        (dd.signals.Periodic(dwell=1.05), True),
+        (dd.signals.Periodic(dwell=[1, 1.1]), True),
+        (dd.signals.Periodic(dwell=[1, 1, 1], order=["A", "B", "A"]), False),
+        (dd.signals.Periodic(dwell=[0.9, 1]), False),
+        (dd.signals.Periodic(dwell=1.2), False),
+        (dd.signals.RandomDwell(dwell=1), False),
+        (dd.signals.RandomDwell(dwell=1.05, longest=1.1), True),
+        (dd.signals.RandomDwell(dwell=0.9, longest=1.1), False),
+        (dd.signals.RandomDwell(dwell=1, longest=1.2), False),
+        (dd.signals.Fixed(), False),
+        (dd.signals.Markov(generator=[[-1, 1], [1, -1]]), False),
+    ],
+    ids=str,
+)
+def test_a_run_under_another_signal_has_no_bound_by_the_guarantee(signal, kept):
+    run = dd.simulate(relay(), signal=signal, t_final=1)
+    assert keeps_guarantee(relay(), json.loads(run.signal)) is kept
+    assert ("The signal need not keep the guarantee of [switching]." in run.notes) is not kept
+    if isinstance(signal, dd.signals.Fixed):
+        assert dd.certify(relay()).envelope(run).reason == "the proof is not about the signal of the run"
+
+
+@pytest.mark.parametrize(
+    ("signal", "kept"),
+    [
+        (dd.signals.Periodic(dwell=1, order=["A", "B"]), True),
+        (dd.signals.Periodic(dwell=1, order=["B", "A"]), False),
+        (dd.signals.Periodic(dwell=2, order=["A", "B"]), False),
+        (dd.signals.RandomDwell(dwell=1), False),
+    ],
+    ids=str,
+)
+def test_a_sequence_is_kept_by_itself_alone(signal, kept):
+    problem = relay(turns={"guarantee": "sequence", "longest": None})
+    assert keeps_guarantee(problem, json.loads(dd.simulate(problem, signal=signal, t_final=1).signal)) is kept
+
+
+def test_a_proof_by_the_graphs_bounds_no_run():
+    problem = relay(turns={"longest": 2})
+    proved = Check(id="schedule", verdict=Verdict.PROVED, domain="global", reason="", claim=Cycles(**BY_GRAPHS))
+    certificate = dd.certify(problem)
+    certificate = replace(certificate, claims=replace(certificate.claims, checks=(proved,)))
+    assert certificate.weights == ()
+    assert certificate.envelope(dd.simulate(problem, t_final=1)).reason == "the proof states no rate"
 
 
 @pytest.mark.parametrize("times", [[-1.0], [np.nan], [0.0, np.inf]])

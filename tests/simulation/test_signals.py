@@ -74,12 +74,14 @@ def test_a_random_signal_draws_each_mode_equally_often():
     assert set((found.times / 0.5 % 1).tolist()) == {0.0}
 
 
-def test_random_stays_lie_between_the_two_dwell_times():
-    found = scheduled_switches(dd.signals.RandomDwell(dwell=0.3, longest=0.5), ("a", "b"), 100.0, 1)
+@pytest.mark.parametrize("seed", range(20))
+def test_with_a_longest_time_modes_differ_and_last_between_the_two_times(seed):
+    found = scheduled_switches(dd.signals.RandomDwell(dwell=0.3, longest=0.5), NAMES[: 2 + seed % 2], 100.0, seed)
     stays = np.diff(found.times)
-    assert stays.min() >= 0.3
-    multiples = np.ceil(stays / 0.5)  # a mode may be drawn again
-    assert (stays >= 0.3 * multiples - 1e-12).all()
+    assert stays.min() >= 0.3 - 1e-12
+    assert stays.max() <= 0.5 + 1e-12
+    assert 100 - found.times[-1] <= 0.5
+    assert set(found.modes.tolist()) == set(range(2 + seed % 2))
 
 
 def test_a_markov_signal_stays_and_jumps_as_its_generator_says():
@@ -163,6 +165,8 @@ def test_sections_become_signals_and_what_was_chosen_is_said():
     signal, remark = signal_of(switched(dd.Switching(signal="markov", dwell="1/2")))
     assert signal == dd.signals.Markov(generator=[[-2, 1, 1], [1, -2, 1], [1, 1, -2]])
     assert "equally likely" in remark
+    own = dd.Switching(guarantee="dwell", dwell="1/3", longest=2)
+    assert signal_of(switched(own)) == (dd.signals.RandomDwell(dwell=1 / 3, longest=2), None)
     assert signal_of(switched(dd.Switching(signal="random"), "a"))[0] == dd.signals.Fixed()
     assert signal_of(switched(None, "a")) == (dd.signals.Fixed(), None)
     assert "a is active throughout" in signal_of(switched(None))[1]

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 import dobc_design as dd
 from dobc_design.simulation.setting import make_setting
-from dobc_design.simulation.worst import STEPS, worst_signs
+from dobc_design.simulation.worst import STEPS, worst_signal, worst_signs
 
 BOUND = 0.1 * (1 + 1.33276)  # theory, section 12: omega (1 + |C e^(F t) W|_1) for the paper's data
 SHARES = (1, 3, 5 / 2, 2, 3 / 2) * 2  # M^-1 1 of the linearised network
@@ -83,6 +83,59 @@ def test_signs_of_a_run_are_those_of_the_impulse_response_reversed():
     assert own[-1] == 1
     assert 1 < np.count_nonzero(np.diff(own)) < 20
     assert signs.integral(0, 10)[0, 0, 0] == pytest.approx(own.sum() * 10 / STEPS)
+
+
+def links(modes: dict[str, list[list[int]]], n: int, **turns: object) -> dd.Problem:
+    network = dd.Network.from_arcs(modes, arrow="listens_to", agents=n)
+    own = dd.Switching(**({"guarantee": "dwell", "dwell": 1} | turns))
+    return dd.Problem(network=network, coupling="y", gains={1: 1}, switching=own)
+
+
+def test_the_slowest_signal_of_three_agents_is_the_one_on_paper():
+    """Agent 3 hears in A for a s, agent 2 in B for b s: the rate is min (a, b) / (a + b), the least for 1 and 2 s."""
+    problem = links({"A": [[3, 2]], "B": [[2, 1]]}, 3, longest=2)
+    assert sorted(worst_signal(problem).dwell) == [1, 2]
+    given = {"start": {"x": [[1], [1], [1]]}, "t_final": 36, "samples": 13}
+    worst = dd.simulate(problem, stress="worst", **given)
+    assert worst.stress == ""
+    assert "keep the guarantee" in worst.notes[0]
+    assert worst.error()[-1] / worst.error()[-5] == pytest.approx(np.exp(-12 / 3), rel=1e-3)
+    assert worst.error()[-1] > 3 * max(dd.simulate(problem, seed=k, **given).error()[-1] for k in range(8))
+
+
+def test_on_half_rings_it_is_slower_than_random_ones():
+    halves = {"odd": range(1, 11, 2), "even": range(2, 11, 2)}
+    arcs = {name: [[i, i % 10 + 1] for i in agents] for name, agents in halves.items()}
+    problem = links(arcs, 10, dwell="1/2", longest=2).replace(coupling="exp(y) - 1 + y", gains={1: 5, 6: 5})
+    given = {"start": {"x": np.ones((10, 1))}, "t_final": 30, "samples": 2}
+    worst = dd.simulate(problem, stress="worst", **given).final_error
+    assert worst > 30 * max(dd.simulate(problem, seed=k, **given).final_error for k in range(8))
+
+
+def test_without_a_longest_time_it_stays_in_the_slowest_mode():
+    """(3 - sqrt(5))/2 in B, where agent 1 hears agent 2; 1 in A."""
+    problem = links({"A": [[2, 1]], "B": [[2, 1], [1, 2]]}, 2)
+    assert worst_signal(problem).order == ("B",)
+    run = dd.simulate(problem, stress="worst", t_final=4)
+    assert run.switches.names[run.switches.modes[0]] == "B"
+    assert len(run.switches) == 1
+
+
+@pytest.mark.parametrize(
+    "turns", [{"guarantee": "sequence"}, {"guarantee": "arbitrary"}, {"guarantee": None, "signal": "random"}]
+)
+def test_where_the_guarantee_leaves_no_choice_there_is_no_worst_signal(turns: dict[str, object]):
+    problem = links({"A": [[2, 1]], "B": []}, 2, **turns)
+    assert worst_signal(problem) is None
+    with pytest.raises(dd.errors.SpecError, match="and no signal"):
+        dd.simulate(problem, stress="worst")
+
+
+def test_signals_and_stress_are_at_their_worst_together():
+    problem = links({"A": [[2, 1]], "B": []}, 2, longest=2).replace(uncertainty={"disturbance": "0.1"})
+    run = dd.simulate(problem, stress="worst", t_final=3)
+    assert "worst" in run.stress
+    assert "periodic" in run.signal
 
 
 def test_a_problem_that_bounds_nothing_is_refused():

@@ -26,8 +26,8 @@ from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
-from dobc_design.conditions.schedule.cycles import Cycles, phases_of
-from dobc_design.conditions.schedule.decide import Settling, shrunk
+from dobc_design.conditions.schedule.cycles import Cycles, phases_of, shrunk
+from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError

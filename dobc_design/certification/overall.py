@@ -14,7 +14,7 @@ from dobc_design.conditions.consensus.network import cure_in_words, name_agents,
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
-from dobc_design.conditions.schedule.cycles import cycles_of, guarantee_in_words, phases_of
+from dobc_design.conditions.schedule.cycles import cycles_of, guarantee_in_words, lasting_modes, phases_of
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.problem.arrays import unreached
@@ -61,7 +61,8 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
             return told + " agents. Choose another W, or leave W out to have one designed."
     refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
     for check in refuting if region is None or _target_is_interior(problem) else ():
-        if isinstance(check.claim, Unstable) and check.claim.roots:
+        stays = check.mode is None or check.mode in lasting_modes(problem)
+        if isinstance(check.claim, Unstable) and check.claim.roots and stays:
             where = "" if check.mode is None else f"in mode {check.mode} "
             text = f"Consensus fails: {where}the linearisation at the target is unstable"
             return text + f" ({check.claim.roots} eigenvalue(s) with positive real part)."

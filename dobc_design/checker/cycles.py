@@ -152,6 +152,12 @@ def cycles(turns: list[Phase]) -> list[tuple[str, ...]]:
     return [*alone, *(combinations(every, 2) if len(turns) > 1 and all(turn.first for turn in turns) else [every])]
 
 
+def lasting(p: Problem) -> list[str]:
+    """The modes that may stay on for ever."""
+    guaranteed = len(p.modes) > 1 and (p.switching or {}).get("guarantee") in ("dwell", "sequence")
+    return [turn.mode for turn in phases(p) if turn.longest is None] if guaranteed else list(p.modes)
+
+
 def allowed(p: Problem) -> list[tuple[str, ...]]:
     """All modes, and the cycles that a guarantee allows of at most PHASES phases."""
     guaranteed = len(p.modes) > 1 and (p.switching or {}).get("guarantee") in ("dwell", "sequence")

@@ -7,7 +7,7 @@ from typing import Any
 
 from .accuracy import accuracy
 from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
-from .cycles import allowed, schedule
+from .cycles import allowed, lasting, schedule
 from .files import Certificate, Problem
 from .margins import actuators, tolerance
 from .matrices import product, stable
@@ -107,6 +107,7 @@ def regional(case: Certificate, check: Any) -> None:
         need(check.rate is None, "it is refuted and claims a rate")
         need(check.id in ("max-separable", "equilibrium"), "it cannot be refuted")
     REGIONAL[check.id](case, check)
+    need(check.id != "equilibrium" or check.exact["mode"] in lasting(p), "the guarantee does not let that mode stay on")
 
 
 # --- the overall verdict, once all checks are confirmed
@@ -157,5 +158,6 @@ def refuted(case: Certificate) -> bool:
         return True
     sides = [] if p.region is None else p.region.initial_states
     inside = (lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
-    rooted = (check.exact for check in found if check.id in ("lemma1", "linearisation"))
+    staying = [check for check in found if check.mode in (None, *lasting(p))]
+    rooted = (check.exact for check in staying if check.id in ("lemma1", "linearisation"))
     return all(inside) and any(rational(exact["unstable_roots"]) > 0 for exact in rooted)

@@ -79,6 +79,12 @@ def phases_of(problem: Problem) -> tuple[Phase, ...]:
     )
 
 
+def lasting_modes(problem: Problem) -> set[str]:
+    """The modes that may stay on for ever."""
+    phases = phases_of(problem)
+    return {phase.mode for phase in phases if phase.longest is None} if phases else set(problem.network.modes)
+
+
 @dataclass(frozen=True, slots=True)
 class Round:
     """Phases that follow one another over and over, each of them as long as the guarantee says."""

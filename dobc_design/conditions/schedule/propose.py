@@ -145,6 +145,7 @@ class _Path:
             if rows is None:
                 return False
             before = self._asked(box, now, rows)
+            found = None
             for _ in range(MOST_HALVINGS):
                 after = now + Fraction(f"{step:.4g}")
                 after = after if change is None else min(after, change)
@@ -155,9 +156,8 @@ class _Path:
                 if bent <= 2 * self.bend:
                     break
                 step = tried / 2
-            else:
+            if found is None or bent > 2 * self.bend:
                 return False
-            assert found is not None
             step = tried * min(2.0, math.sqrt(self.bend / max(bent, self.bend / 4)))
             self.times.append(after)
             self.boxes.append(found[0])

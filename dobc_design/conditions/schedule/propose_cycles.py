@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -47,6 +48,7 @@ ROOM: Final = 0.998  # of a rate, that is claimed
 EARLY: Final = 4.0  # times that, more at the beginning of a phase, where it bends
 LONG: Final = 4.0  # times that bend, as short as a phase may be for that
 STEPS: Final = 8  # of a phase at least
+ENDS: Final = 24  # parts of the times at which it may end
 MOST_STEPS: Final = 1000
 TAILS: Final = 8  # times that a phase without an end is doubled until its rows hold with weights at rest
 ACCURACY: Final = 1e-7
@@ -122,9 +124,19 @@ def _handed(flow: _Flow, start: Array, rate: float) -> Array | None:
     """The largest exp(rate t) v(t) over the times at which the phase may end."""
     if (end := flow.end(start, rate)) is None:
         return None
-    path, first = flow.path(start, end), float(flow.phase.shortest)
-    times = [end] if first == end else np.linspace(first, end, STEPS + 1)
-    return np.asarray(np.max([math.exp(rate * t) * path(t) for t in times], axis=0))
+    path = flow.path(start, end)
+    return _most([(t, path(t)) for t in _ends(float(flow.phase.shortest), end)], rate)
+
+
+def _ends(first: float, last: float) -> list[float]:
+    """Times at which a phase may end, as close as its weights are then compared."""
+    return [first] if first == last else [float(t) for t in np.linspace(first, last, ENDS + 1)]
+
+
+def _most(way: Sequence[tuple[float, Array]], rate: float) -> Array:
+    """exp(rate t) v(t) at most, between two times with the larger v and the later one."""
+    later = [math.exp(rate * b) * np.maximum(v, w) for (_, v), (b, w) in pairwise(way)]
+    return np.asarray(np.max([math.exp(rate * way[0][0]) * way[0][1], *later], axis=0))
 
 
 def _step(flows: Sequence[_Flow], x: Sequence[Array], rate: float) -> list[Array] | None:
@@ -156,15 +168,14 @@ class _Linear:
             M = np.asarray((jacobian - pinning_matrix(problem)).todense())[::m, ::m]
             first = float(phase.shortest)
             last = first * 2 if phase.longest is None else float(phase.longest)
-            times = [first] if first == last else np.linspace(first, last, STEPS + 1).tolist()
-            ways.append([(t, expm(M * t)) for t in times])
+            ways.append([(t, expm(M * t)) for t in _ends(first, last)])
         return cls(phases=phases, ways=ways)
 
     def step(self, x: Sequence[Array], rate: float) -> list[Array]:
         """G(x)."""
         found = [np.zeros_like(each) for each in x]
         for phase, way, start in zip(self.phases, self.ways, x, strict=True):
-            handed = np.max([math.exp(rate * t) * (each @ start) for t, each in way], axis=0)
+            handed = _most([(t, each @ start) for t, each in way], rate)
             for q in phase.successors:
                 found[q] = np.maximum(found[q], handed)
         return found
@@ -219,10 +230,11 @@ def _claim(
 
 def _times(flow: _Flow, path: Any, end: float) -> list[float] | None:
     """Times at which the chords of the path keep the rows, as far as is seen; the shortest time of the phase is one."""
-    times, first = [0.0], float(flow.phase.shortest)
+    times, nodes = [0.0], _ends(float(flow.phase.shortest), end)
     step = end / STEPS
     while times[-1] < end:
-        now, until = times[-1], first if times[-1] < first else end
+        now = times[-1]
+        until = next(t for t in nodes if t > now)
         step = min(2 * step, end / STEPS)
         while not _fits(flow, path, now, min(now + step, until)):
             step /= 2

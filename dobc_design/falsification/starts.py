@@ -7,7 +7,7 @@ so that a factor brings every start but 0 to the boundary of a certified set.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -20,6 +20,7 @@ from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.kinds import ids_of
 from dobc_design.conditions.quadratic.claim import Lure
+from dobc_design.conditions.schedule.cycles import Phase, phases_of
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError, wrong
@@ -365,8 +366,12 @@ def constant_signals(modes: IndexArray) -> Signals:
     return Signals(times=np.zeros((len(modes), 1)), modes=modes[:, None].astype(np.int64))
 
 
-def drawn_signals(rng: np.random.Generator, count: int, modes: int, horizon: float) -> Signals:
-    """Every third run in one mode, the modes in turn; the others switch at random, at quite different paces."""
+def drawn_signals(rng: np.random.Generator, count: int, problem: Problem, horizon: float) -> Signals:
+    """Every third run in one mode, the modes in turn; the others switch at random, at quite different paces.  Under a
+    guarantee all keep it, and modes last as short or as long as they may."""
+    modes, phases = len(problem.network.modes), phases_of(problem)
+    if phases:
+        return _kept_signals(rng, count, problem, phases, horizon)
     first = np.arange(count) % modes
     if modes == 1:
         return constant_signals(first)
@@ -379,6 +384,24 @@ def drawn_signals(rng: np.random.Generator, count: int, modes: int, horizon: flo
     times[:, 1:][fixed] = np.inf
     times[times >= horizon] = np.inf
     return Signals(times=times, modes=np.where(np.isinf(times), 0, chosen))
+
+
+def _kept_signals(
+    rng: np.random.Generator, count: int, problem: Problem, phases: Sequence[Phase], horizon: float
+) -> Signals:
+    names, firsts, drawn = list(problem.network.modes), [p for p, phase in enumerate(phases) if phase.first], []
+    for _ in range(count):
+        at, place, row = 0.0, int(rng.choice(firsts)), list[tuple[float, int]]()
+        while at < horizon:
+            phase = phases[place]
+            row.append((at, names.index(phase.mode)))
+            shortest = float(phase.shortest)
+            longest = float(rng.choice((2 * shortest, horizon))) if phase.longest is None else float(phase.longest)
+            at, place = at + float(rng.choice((shortest, longest))), int(rng.choice(phase.successors))
+        drawn.append(row)
+    width = max(map(len, drawn))
+    padded = np.array([row + [(np.inf, 0)] * (width - len(row)) for row in drawn])
+    return Signals(times=padded[:, :, 0], modes=padded[:, :, 1].astype(np.int64))
 
 
 def run_starts(

@@ -13,7 +13,7 @@ from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, identity
 from lure_cases import random_problem as switched_problem
 from scipy.integrate import solve_ivp
 
-from dobc_design import Exosystem, Group, Network, Observer, Problem
+from dobc_design import Exosystem, Group, Network, Observer, Problem, Switching
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
@@ -173,7 +173,7 @@ def settled(problem: Problem, *columns: list[float], horizon: float = 150.0):
 @pytest.mark.parametrize("seed", range(2))
 def test_every_start_goes_where_scipy_takes_it_through_its_switches(seed: int):
     problem, rng = switched_problem(seed, modes=3), np.random.default_rng(seed)
-    signals = sets.drawn_signals(rng, 9, 3, 4.0)
+    signals = sets.drawn_signals(rng, 9, problem, 4.0)
     e = rng.uniform(-2, 2, (problem.n, 9))
     runs = sets.run_starts(
         sets.make_arena(problem, None), e, np.zeros((problem.n, 0, 9)), signals, horizon=4.0, tolerance=1e-10
@@ -245,7 +245,7 @@ def test_runs_last_twelve_time_constants_of_the_consensus():
 
 
 def test_some_runs_keep_their_mode_and_the_others_switch_at_several_paces():
-    signals = sets.drawn_signals(np.random.default_rng(0), 60, 2, 10.0)
+    signals = sets.drawn_signals(np.random.default_rng(0), 60, switched_problem(0, modes=2), 10.0)
     lengths = [len(signals.of(run, ("A", "B"))) for run in range(60)]
     assert 15 <= lengths.count(1) <= 25
     assert max(lengths) > 40
@@ -254,3 +254,16 @@ def test_some_runs_keep_their_mode_and_the_others_switch_at_several_paces():
         assert times[0] == 0
         assert times == sorted(times)
         assert times[-1] < 10
+
+
+@pytest.mark.parametrize("longest", [None, 3])
+def test_under_a_guarantee_all_runs_keep_it(longest):
+    turns, own = Switching(guarantee="dwell", dwell=1, longest=longest), switched_problem(0, modes=3)
+    kept = Problem(network=own.network, coupling="y", gains={1: 1}, target=[0] * own.m, switching=turns)
+    signals, names = sets.drawn_signals(np.random.default_rng(0), 40, kept, 10.0), tuple(own.network.modes)
+    for run in range(40):
+        switches = signals.of(run, names)
+        for (before, old), (after, new) in pairwise(switches):
+            assert old != new
+            assert 1 <= after - before <= (longest or 10)
+    assert {signals.of(run, names)[0][1] for run in range(40)} == set(names)

@@ -276,3 +276,15 @@ def test_starts_are_those_of_phases_that_may_be_first():
     assert Phase(mode="A", shortest=ONE, longest=None, successors=(1,), first=True) in phases_of(
         chain(guarantee="dwell", dwell=1)
     )
+
+
+@pytest.mark.parametrize("turns", [{"guarantee": "dwell", "dwell": 1}, {"signal": "random", "dwell": 1}])
+def test_an_unstable_mode_refutes_only_where_it_may_stay_on(turns):
+    """Agent 1 runs away from agent 2 in B, at 4: exp(0.4 - 2) over 2.1 s where B lasts 0.1 s."""
+    arcs, gains = {"A": [], "B": [[1, 2]]}, {1: 1, 2: 1}
+    unstable = problem(arcs, n=2, coupling="-5*y", gains=gains, **turns)
+    assert certify(unstable).verdict is Verdict.REFUTED
+    short = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": [2, "1/10"]}
+    brief = certify(problem(arcs, n=2, coupling="-5*y", gains=gains, **short))
+    assert brief.verdict is not Verdict.REFUTED
+    assert recheck(brief.claims, brief.problem).holds

@@ -18,60 +18,44 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "Analysis": "analysis.analysis",
-    "Certificate": "certificate.certificate",
-    "Check": "conditions.check",
-    "Coupling": "coupling.coupling",
-    "Design": "synthesis.joint.claim",
-    "Designer": "designer.widget",
-    "Ensemble": "simulation.runs",
-    "Exosystem": "problem.exosystems",
-    "Failure": "simulation.setting",
-    "Falsification": "falsification.suspect",
-    "Group": "problem.groups",
-    "Model": "model.model",
-    "Network": "problem.network",
-    "Observer": "problem.groups",
-    "ObserverDesign": "synthesis.observer.claim",
-    "Pinning": "problem.problem",
-    "PinningDesign": "synthesis.pinning.claim",
-    "Problem": "problem.problem",
-    "Region": "problem.settings",
-    "Settling": "conditions.schedule.decide",
-    "Stress": "simulation.setting",
-    "Suspect": "falsification.suspect",
-    "SweepResult": "sweeps.result",
-    "Switching": "problem.settings",
-    "TradeOff": "synthesis.joint.claim",
-    "Trajectory": "simulation.trajectory",
-    "Verdict": "verdict",
-    "analyse": "export",
-    "build_model": "export",
-    "certify": "certification.certify",
-    "certify_settling": "certification.certify",
-    "design": "synthesis.designs",
-    "design_observer": "synthesis.designs",
-    "design_pinning": "synthesis.designs",
+#: Module -> its public names; exact, export, exosystems, poles and signals are modules themselves.
+_NAMES = {
+    "analysis.analysis": "Analysis",
+    "certificate.certificate": "Certificate",
+    "certification.certify": "certify certify_settling verify",
+    "certification.search": "search_certificate",
+    "conditions.check": "Check",
+    "conditions.schedule.decide": "Settling",
+    "coupling.coupling": "Coupling",
+    "designer.widget": "Designer",
     "exact": "exact",
-    "exosystems": "problem.exosystems",
-    "export": "export",
-    "falsify": "falsification.search",
-    "from_pandapower": "importing.grids",
-    "load_problem": "problem.load",
-    "load_trajectory": "simulation.trajectory",
-    "poles": "synthesis.observer.claim",
-    "problem_from_file": "importing.files",
-    "search_certificate": "certification.search",
-    "signals": "simulation.signals",
-    "simulate": "simulation.runs",
-    "sweep": "sweeps.running",
-    "trade_off": "synthesis.designs",
-    "verify": "certification.certify",
-    "what_breaks_first": "simulation.breaking",
-    "write_comparison": "report.write",
-    "write_report": "report.write",
+    "export": "analyse build_model export",
+    "falsification.search": "falsify",
+    "falsification.suspect": "Falsification Suspect",
+    "importing.files": "problem_from_file",
+    "importing.grids": "from_pandapower",
+    "model.model": "Model",
+    "problem.exosystems": "Exosystem exosystems",
+    "problem.groups": "Group Observer",
+    "problem.load": "load_problem",
+    "problem.network": "Network",
+    "problem.problem": "Pinning Problem",
+    "problem.settings": "Region Switching",
+    "report.write": "write_comparison write_report",
+    "simulation.breaking": "what_breaks_first",
+    "simulation.runs": "Ensemble simulate",
+    "simulation.setting": "Failure Stress",
+    "simulation.signals": "signals",
+    "simulation.trajectory": "Trajectory load_trajectory",
+    "sweeps.result": "SweepResult",
+    "sweeps.running": "sweep",
+    "synthesis.designs": "design design_observer design_pinning trade_off",
+    "synthesis.joint.claim": "Design TradeOff",
+    "synthesis.observer.claim": "ObserverDesign poles",
+    "synthesis.pinning.claim": "PinningDesign",
+    "verdict": "Verdict",
 }
+_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 #: Types that functions return (the widget needs an extra): here for annotations, and no part of ``__all__``.
 _TYPES = (
@@ -100,7 +84,7 @@ def __getattr__(name: str) -> Any:
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f"{__name__}.{home}")
-    value = getattr(module, name, module)  # "exact", "export", "poles" and the like are modules
+    value = getattr(module, name, module)
     globals()[name] = value
     return value
 

@@ -35,7 +35,7 @@ THIRD_PARTY = {
     "designer": {"anywidget", "numpy", "traitlets"},
     "exact": {"flint", "numpy"},
     "export": {"control", "jinja2", "sympy", *NUMBERS},  # what is exported to
-    "falsification": {"numpy"},
+    "falsification": NUMBERS,
     "importing": NUMBERS,
     "model": {"casadi", "sympy", *NUMBERS},
     "plotting": PLOTS,

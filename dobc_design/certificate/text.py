@@ -17,7 +17,15 @@ from typing import Any
 
 from dobc_design._show.text import visible
 from dobc_design.certificate.claims import Claims
-from dobc_design.conditions.check import Check, check_from_json, number_or_none, require_keys, withdrawn
+from dobc_design.conditions.check import (
+    Check,
+    check_from_json,
+    number_or_none,
+    read_text,
+    read_texts,
+    require_keys,
+    withdrawn,
+)
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.numbers import LONGEST, VECTOR_BITS, has_short_denominator, read_rational
 from dobc_design.errors import CertificateError, SpecError, reason_of
@@ -84,30 +92,21 @@ def _claims(document: dict[str, Any]) -> Claims:
     require_keys(observer, "observer", needed=("W", "source", "P", "Q"))
     if not isinstance(checks, list):
         raise TypeError("checks must be a list")
-    notes, options = document["notes"], program.get("options", [])
-    _text(program["name"], "program.name")
-    if not isinstance(notes, list) or not isinstance(options, list):
-        raise TypeError("notes and program.options must be lists of texts")
+    read_text(program["name"], "program.name")
     return Claims(
-        problem_name=_text(document["problem"], "problem"),
-        problem_sha256=_text(document["problem_sha256"], "problem_sha256"),
+        problem_name=read_text(document["problem"], "problem"),
+        problem_sha256=read_text(document["problem_sha256"], "problem_sha256"),
         verdict=Verdict(document["verdict"]),
-        reason=_text(document["reason"], "reason"),
+        reason=read_text(document["reason"], "reason"),
         rate=number_or_none(document["rate"]),
-        covered_by=None if document["covered_by"] is None else _text(document["covered_by"], "covered_by"),
+        covered_by=None if document["covered_by"] is None else read_text(document["covered_by"], "covered_by"),
         checks=tuple(check_from_json(item) for item in checks),
-        gain_source=None if observer["source"] is None else _text(observer["source"], "observer.source"),
+        gain_source=None if observer["source"] is None else read_text(observer["source"], "observer.source"),
         **{name: _read_matrix(observer[name], f"observer.{name}") for name in ("W", "P", "Q")},
-        notes=tuple(_text(note, "notes") for note in notes),
-        version=_text(program["version"], "program.version"),
-        options=tuple(_text(option, "program.options") for option in options),
+        notes=read_texts(document["notes"], "notes"),
+        version=read_text(program["version"], "program.version"),
+        options=read_texts(program.get("options", []), "program.options"),
     )
-
-
-def _text(value: Any, key: str) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"{key} must be text")
-    return value
 
 
 def _read_matrix(value: Any, key: str) -> Matrix | None:

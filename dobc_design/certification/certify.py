@@ -6,7 +6,6 @@ time, another equilibrium.  Every stage proposes in floating point and decides e
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -23,7 +22,7 @@ from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import Recheck, agreed, verify_twice
 from dobc_design.conditions.accuracy.stage import accuracy_stage
 from dobc_design.conditions.boxes.stage import exhaustive_stage
-from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.check import Check, surviving, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus import propose as estimates
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
@@ -53,7 +52,6 @@ from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-logger = logging.getLogger("dobc_design")
 OBSTACLES = ("detectability", "hurwitz")  # refuted, they rule out every pair
 MOST_SEARCHED = 200  # modes in which directions of few agents are looked for
 DOUBT = 1e-9  # an estimate of lambda_max above minus this calls for a witness
@@ -234,10 +232,8 @@ def decide(problem: Problem, report: Progress) -> Decided:
     report("stating the theorems")
     statements = state_theorems(problem)
     tops: dict[str, Top] = {}
-    try:
+    with surviving("eigenvalue estimate failed"):
         tops = estimates.lambda_tops(statements)
-    except (ArithmeticError, RuntimeError, ValueError) as error:  # the exact side then does without
-        logger.warning("eigenvalue estimate failed: %s", error)
     shows = {mode: top.shows for mode, top in tops.items() if top.shows is not None}
     statements = consensus.with_vectors(statements, shows)
     run = _Run(problem=problem, statements=statements, tops=tops, found={})
@@ -284,11 +280,9 @@ class _Run:
             top = self.tops.get(mode)
             if top is None or not top.value < -DOUBT:
                 self.found[mode] = []
-                try:
+                with surviving("no small directions"):
                     if len(self.found) <= MOST_SEARCHED:
                         self.found[mode] = estimates.witness_directions(self.problem, mode)
-                except (ArithmeticError, RuntimeError, ValueError) as error:
-                    logger.warning("no small directions: %s", error)
             vectors = [*self.found.get(mode, ()), *([] if top is None else [top.vector.tolist()])]
             proposal = Proposal(margin=0.0 if top is None else -top.value, vectors=vectors)
             checks.append(consensus.lemma1_check(self.statements, mode, proposal))

@@ -62,13 +62,7 @@ def sweep_command(
     command = shlex.join(["dobc", *sys.argv[1:]])
     kept = f"Interrupted; the finished cases are kept in {str(folder)!r}. The same command goes on with the others:"
     say_on_ending(f"{kept}\n  {command}")
-    resumed = [0]
-    with stages as show:
-
-        def progress(state: State) -> None:
-            resumed[:] = [state.resumed]
-            show(state)
-
+    with stages as progress:
         options: dict[str, Any] = {"task": task, "samples": samples, "seed": seed, "everything": everything}
         how: dict[str, Any] = {"jobs": jobs, "cluster": cluster, "time_limit": time_limit, "force": force}
         result = sweep(file, axes, runs=runs, out=folder, progress=progress, **options, **how)
@@ -78,9 +72,9 @@ def sweep_command(
         write_atomically(folder / "sweep.svg", result.plot().file("svg"))
         files.append(folder / "sweep.svg")
     if as_json:
-        output.print_json(_document(result, folder, files, resumed=resumed[0]))
+        output.print_json(_document(result, folder, files, resumed=stages.resumed))
     elif not quiet:
-        output.say(_words(result, files, resumed=resumed[0]))
+        output.say(_words(result, files, resumed=stages.resumed))
 
 
 def _document(result: SweepResult, folder: Path, files: Sequence[Path], *, resumed: int) -> dict[str, Any]:
@@ -118,7 +112,10 @@ def _words(result: SweepResult, files: Sequence[Path], *, resumed: int) -> str:
 class _Bar(output.Progress):
     """Progress on standard error: a bar on a terminal; with --verbose ten lines or so; else nothing."""
 
+    resumed = 0  # cases that were there from before
+
     def stage(self, state: State) -> None:
+        self.resumed = state.resumed
         tenth = (state.done * 10) // state.total
         if self.moving is not None:
             self.moving(state)

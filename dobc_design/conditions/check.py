@@ -6,8 +6,10 @@ holds the values as they stand there, until ``certificate.claims`` reads them fo
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Protocol
@@ -20,10 +22,13 @@ from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+logger = logging.getLogger("dobc_design")
+
 NAMES = ("block", "mode", "group", "unobservable_polynomial")  # exact values that are no numbers
 #: Fields of a check in JSON: those that are always there, and the others.
 NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
 OPTIONAL = ("mode", "group", "exact", "witness", "fix")
+TEXTS = ("id", "mode", "group", "reason")
 
 Domain = str | Mapping[str, Any]  # "global", "consensus", or {"kind", "radius", "disturbance"}
 
@@ -176,6 +181,17 @@ def limited(id: str, domain: str, decide: Callable[[], Check]) -> Check:
         return undecided_check(id, domain, str(limit))
 
 
+@contextmanager
+def surviving(what: str, *beside: type[Exception]) -> Iterator[None]:
+    """A proposal in floating point may break down (or meet what stands ``beside``): the log tells it, and all goes on
+    without."""
+    expected: tuple[type[Exception], ...] = (ArithmeticError, RuntimeError, ValueError, *beside)
+    try:
+        yield
+    except expected as error:
+        logger.warning("%s: %s", what, error)
+
+
 def starts_in(kind: str, radius: float, disturbance: float) -> Domain:
     """The domain |e|_inf <= radius ("box") or |e| <= radius ("ball", Euclidean), and |eps_i| <= disturbance."""
     return {"kind": kind, "radius": radius, "disturbance": disturbance}
@@ -220,20 +236,19 @@ def check_from_json(data: Any) -> Check:
     domain, witness, fix = data["domain"], data.get("witness"), data.get("fix")
     if "witness" in data:
         require_keys(witness, "witness", needed=("kind",), allowed=("labels", "values"))
-        lists = {name: _texts(witness[name]) for name in ("labels", "values") if name in witness}
-        witness = Witness(kind=_text(witness["kind"]), **lists)
+        lists = {name: read_texts(witness[name], f"witness.{name}") for name in ("labels", "values") if name in witness}
+        witness = Witness(kind=read_text(witness["kind"], "witness.kind"), **lists)
     if "fix" in data:
         require_keys(fix, "fix", needed=("kind", "set", "text"))
-        fix = Fix(kind=_text(fix["kind"]), set=_object(fix["set"], "fix.set"), text=_text(fix["text"]))
+        kind, text = (read_text(fix[name], f"fix.{name}") for name in ("kind", "text"))
+        fix = Fix(kind=kind, set=_object(fix["set"], "fix.set"), text=text)
+    texts: dict[str, Any] = {name: read_text(data[name], name) for name in TEXTS if name in data}
     return Check(
-        id=_text(data["id"]),
-        mode=_text(data["mode"]) if "mode" in data else None,
-        group=_text(data["group"]) if "group" in data else None,
+        **texts,
         verdict=Verdict(data["verdict"]),
         domain=domain if isinstance(domain, str) else _object(domain, "domain"),
         margin=number_or_none(data["margin"]),
         rate=number_or_none(data["rate"]),
-        reason=_text(data["reason"]),
         claim=Values(_object(data["exact"], "exact")) if "exact" in data else None,
         witness=witness,
         fix=fix,
@@ -305,13 +320,15 @@ def _object(data: Any, name: str) -> dict[str, Any]:
     return data
 
 
-def _text(value: Any) -> str:
+def read_text(value: Any, key: str) -> str:
+    """A text.  Raises: TypeError for anything else."""
     if not isinstance(value, str):
-        raise TypeError(f"expected text, got {value!r}")
+        raise TypeError(f"{key} must be text, got {value!r}")
     return value
 
 
-def _texts(value: Any) -> tuple[str, ...]:
+def read_texts(value: Any, key: str) -> tuple[str, ...]:
+    """A list of texts.  Raises: TypeError for anything else."""
     if not isinstance(value, list):
-        raise TypeError("expected a list of texts")
-    return tuple(map(_text, value))
+        raise TypeError(f"{key} must be a list of texts")
+    return tuple(read_text(each, key) for each in value)

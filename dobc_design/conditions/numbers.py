@@ -9,6 +9,7 @@ import math
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterable
 from fractions import Fraction
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import common_denominator, float_above, float_below, number_text, read_text
 from dobc_design.exact.symmetric import Doubles
+
+Real = TypeVar("Real", float, Fraction)
 
 SHRINK = (1e-9, 1e-6, 1e-3, 0.1, 0.5)
 LONGEST = 10_000  # characters of a rational in a certificate
@@ -80,6 +83,14 @@ def decimal_above(value: Fraction) -> float:
     unit = Fraction(10) ** (_DIGITS - 1 - len(str(int(value))))
     found = float(math.ceil(value * unit) / unit)
     return found if claimed(found) >= value else float_above(claimed(found) * (1 + Fraction(1, 10**14)))
+
+
+def bisected(holds: Callable[[Real], bool], low: Real, high: Real, *, steps: int) -> tuple[Real, Real]:
+    """The interval from ``low``, where something holds, to ``high``, halved so many times around where it ceases to."""
+    for _ in range(steps):
+        middle = (low + high) / 2
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low, high
 
 
 def follows(rate: float | None, proved: Fraction) -> bool:

@@ -25,23 +25,29 @@ SUM, SIGN, PRODUCT, UNARY, POWER, ATOM = range(6)
 
 
 @dataclass(frozen=True, slots=True)
-class _Piece:
+class Piece:
+    """Text and how tightly its last operation binds."""
+
     text: str
     level: int
     head: str = ""  # LaTeX of a named function, before its arguments: the place for an exponent
     number: bool = False
 
+    def inside(self, level: int) -> str:
+        """The text where something that binds at least as tightly is wanted."""
+        return self.text if self.level >= level else f"({self.text})"
+
 
 def to_text(node: tree.Node, *, dimension: int = 1, compact: bool = False) -> str:
     """Write the tree in the parser's language, with the fewest parentheses; ``compact``: in the fewest characters."""
-    variables = [_Piece(name, ATOM) for name in tree.variable_names(dimension)]
+    variables = [Piece(name, ATOM) for name in tree.variable_names(dimension)]
     return tree.evaluate(node, variables, _TextAlgebra(compact=compact)).text
 
 
 def to_latex(node: tree.Node, *, dimension: int = 1) -> str:
     r"""Write the tree as LaTeX mathematics: exp(y) - 1 + y becomes e^{y} - 1 + y."""
     names = ["y"] if dimension == 1 else [f"y_{{{index + 1}}}" for index in range(dimension)]
-    return tree.evaluate(node, [_Piece(name, ATOM) for name in names], _LatexAlgebra()).text
+    return tree.evaluate(node, [Piece(name, ATOM) for name in names], _LatexAlgebra()).text
 
 
 def decimal_text(value: Fraction, *, compact: bool = False) -> str | None:
@@ -56,100 +62,105 @@ def decimal_text(value: Fraction, *, compact: bool = False) -> str | None:
     return shortest[1:] if shortest.startswith("0.") else shortest
 
 
-class _TextAlgebra:
+class Infix:
+    """The operations of ``tree.Algebra`` that programming languages write alike."""
+
+    space = times = " "  # around + and -, and around * and /
+    negated = ATOM  # what a minus sign may stand before
+
+    def negate(self, operand: Piece) -> Piece:
+        return Piece("-" + operand.inside(self.negated), UNARY)
+
+    def add(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.text}{self.space}+{self.space}{right.inside(PRODUCT)}", SUM)
+
+    def subtract(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.text}{self.space}-{self.space}{right.inside(PRODUCT)}", SUM)
+
+    def multiply(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.inside(PRODUCT)}{self.times}*{self.times}{right.inside(UNARY)}", PRODUCT)
+
+    def divide(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.inside(PRODUCT)}{self.times}/{self.times}{right.inside(UNARY)}", PRODUCT)
+
+
+class _TextAlgebra(Infix):
     """Algebra of canonical text; see ``tree.Algebra``."""
+
+    times, negated = "", UNARY
 
     def __init__(self, *, compact: bool) -> None:
         self.compact = compact
         self.space = "" if compact else " "
 
-    def constant(self, value: Fraction) -> _Piece:
+    def constant(self, value: Fraction) -> Piece:
         text = decimal_text(value, compact=self.compact)
-        return _Piece(f"{value.numerator}/{value.denominator}", PRODUCT) if text is None else _Piece(text, ATOM)
+        return Piece(f"{value.numerator}/{value.denominator}", PRODUCT) if text is None else Piece(text, ATOM)
 
-    def pi(self) -> _Piece:
-        return _Piece("pi", ATOM)
+    def pi(self) -> Piece:
+        return Piece("pi", ATOM)
 
-    def negate(self, operand: _Piece) -> _Piece:
-        return _Piece("-" + _inside(operand, UNARY), UNARY)
+    def power(self, base: Piece, exponent: int) -> Piece:
+        return Piece(f"{base.inside(ATOM)}**{exponent}", POWER)
 
-    def add(self, left: _Piece, right: _Piece) -> _Piece:
-        return _Piece(f"{left.text}{self.space}+{self.space}{_inside(right, PRODUCT)}", SUM)
-
-    def subtract(self, left: _Piece, right: _Piece) -> _Piece:
-        return _Piece(f"{left.text}{self.space}-{self.space}{_inside(right, PRODUCT)}", SUM)
-
-    def multiply(self, left: _Piece, right: _Piece) -> _Piece:
-        return _Piece(f"{_inside(left, PRODUCT)}*{_inside(right, UNARY)}", PRODUCT)
-
-    def divide(self, left: _Piece, right: _Piece) -> _Piece:
-        return _Piece(f"{_inside(left, PRODUCT)}/{_inside(right, UNARY)}", PRODUCT)
-
-    def power(self, base: _Piece, exponent: int) -> _Piece:
-        return _Piece(f"{_inside(base, ATOM)}**{exponent}", POWER)
-
-    def call(self, name: str, arguments: tuple[_Piece, ...]) -> _Piece:
+    def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
         inside = f",{self.space}".join(argument.text for argument in arguments)
-        return _Piece(f"{name}({inside})", ATOM)
+        return Piece(f"{name}({inside})", ATOM)
 
 
 class _LatexAlgebra:
     """Algebra of LaTeX; see ``tree.Algebra``."""
 
-    def constant(self, value: Fraction) -> _Piece:
+    def constant(self, value: Fraction) -> Piece:
         text = decimal_text(value)
         if text is None:
-            return _Piece(rf"\frac{{{value.numerator}}}{{{value.denominator}}}", POWER)
+            return Piece(rf"\frac{{{value.numerator}}}{{{value.denominator}}}", POWER)
         mantissa, _, exponent = text.partition("e")
         if not exponent:
-            return _Piece(text, ATOM, number=True)
+            return Piece(text, ATOM, number=True)
         power = f"10^{{{exponent}}}"
-        return _Piece(power, POWER) if mantissa == "1" else _Piece(rf"{mantissa} \cdot {power}", PRODUCT)
+        return Piece(power, POWER) if mantissa == "1" else Piece(rf"{mantissa} \cdot {power}", PRODUCT)
 
-    def pi(self) -> _Piece:
-        return _Piece(r"\pi", ATOM)
+    def pi(self) -> Piece:
+        return Piece(r"\pi", ATOM)
 
-    def negate(self, operand: _Piece) -> _Piece:
-        return _Piece("-" + _latex_inside(operand, PRODUCT), SIGN)
+    def negate(self, operand: Piece) -> Piece:
+        return Piece("-" + _latex_inside(operand, PRODUCT), SIGN)
 
-    def add(self, left: _Piece, right: _Piece) -> _Piece:
-        return _Piece(f"{left.text} + {_latex_inside(right, PRODUCT)}", SUM)
+    def add(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.text} + {_latex_inside(right, PRODUCT)}", SUM)
 
-    def subtract(self, left: _Piece, right: _Piece) -> _Piece:
-        return _Piece(f"{left.text} - {_latex_inside(right, PRODUCT)}", SUM)
+    def subtract(self, left: Piece, right: Piece) -> Piece:
+        return Piece(f"{left.text} - {_latex_inside(right, PRODUCT)}", SUM)
 
-    def multiply(self, left: _Piece, right: _Piece) -> _Piece:
+    def multiply(self, left: Piece, right: Piece) -> Piece:
         factor = _latex_inside(right, PRODUCT)
         if factor[0].isdigit() or (factor.startswith(r"\left(") and not left.number):
             dot = r" \cdot "
         else:
             dot = " " if left.number else r" \, "
-        return _Piece(_latex_inside(left, SIGN) + dot + factor, SIGN if left.level == SIGN else PRODUCT)
+        return Piece(_latex_inside(left, SIGN) + dot + factor, SIGN if left.level == SIGN else PRODUCT)
 
-    def divide(self, left: _Piece, right: _Piece) -> _Piece:
-        return _Piece(rf"\frac{{{left.text}}}{{{right.text}}}", POWER)
+    def divide(self, left: Piece, right: Piece) -> Piece:
+        return Piece(rf"\frac{{{left.text}}}{{{right.text}}}", POWER)
 
-    def power(self, base: _Piece, exponent: int) -> _Piece:
+    def power(self, base: Piece, exponent: int) -> Piece:
         if base.head and exponent > 0:
-            return _Piece(f"{base.head}^{{{exponent}}}{base.text.removeprefix(base.head)}", POWER)
+            return Piece(f"{base.head}^{{{exponent}}}{base.text.removeprefix(base.head)}", POWER)
         if base.head:
-            return _Piece(rf"\left({base.text}\right)^{{{exponent}}}", POWER)
-        return _Piece(f"{_latex_inside(base, ATOM)}^{{{exponent}}}", POWER)
+            return Piece(rf"\left({base.text}\right)^{{{exponent}}}", POWER)
+        return Piece(f"{_latex_inside(base, ATOM)}^{{{exponent}}}", POWER)
 
-    def call(self, name: str, arguments: tuple[_Piece, ...]) -> _Piece:
+    def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
         inside, latex = ", ".join(argument.text for argument in arguments), LATEX.get(name, f"\\{name}")
         level = POWER if name in WITHOUT_POWERS else ATOM
         if "#" in latex:
-            return _Piece(latex.replace("#", inside), level)
+            return Piece(latex.replace("#", inside), level)
         # Between the name and its argument an exponent is usual for some, and misleading for the others.
-        return _Piece(rf"{latex}\left({inside}\right)", level, head=latex if level == ATOM else "")
+        return Piece(rf"{latex}\left({inside}\right)", level, head=latex if level == ATOM else "")
 
 
-def _inside(piece: _Piece, level: int) -> str:
-    return piece.text if piece.level >= level else f"({piece.text})"
-
-
-def _latex_inside(piece: _Piece, level: int) -> str:
+def _latex_inside(piece: Piece, level: int) -> str:
     return piece.text if piece.level >= level else rf"\left({piece.text}\right)"
 
 

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.files import write_atomically
 from dobc_design.conditions.observer.propose import observer_gain
-from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
@@ -268,53 +266,24 @@ def python_script(problem: Source) -> str:
     plain = sorted(["pi", *(row.name for row in FUNCTIONS.values() if not row.numpy)])
     renamed = [row for row in FUNCTIONS.values() if row.numpy and row.name not in ("min", "max")]
     imports = [f"from numpy import {', '.join(plain)}", *(f"from numpy import {r.numpy} as {r.name}" for r in renamed)]
-    couplings = list(problem.couplings)
+    A, C = arrays.exosystem_arrays(problem)
+    K, groups = arrays.pinning_matrix(problem).tocoo(), partial(arrays.arc_groups, problem)
     return template("loop.py.j2").render(
         title=_inside_docstring(problem.name),
         mode=_inside_docstring(next(iter(problem.network.modes))),
         imports="\n".join(imports),
-        couplings="".join(_function(number, each) for number, each in enumerate(couplings)),
-        numbers=_numbers(problem, gain),
-        arcs=_arcs(problem, couplings),
+        couplings=problem.couplings,
+        n=problem.n,
+        m=problem.m,
+        q=problem.q,
+        labels=list(problem.network.labels),
+        named={"A": A, "C": C, "W": arrays.required_gain(problem, gain), "GOALS": arrays.goals(problem)},
+        gains=zip(K.row.tolist(), K.col.tolist(), K.data.tolist(), strict=True),
+        arcs={
+            repr(mode): [(problem.couplings.index(group.coupling), group) for group in groups(mode)]
+            for mode in problem.network.modes
+        },
     )
-
-
-def _function(number: int, coupling: Coupling) -> str:
-    """h of (9) on differences y (arcs, m)."""
-    head = f"\n\ndef h{number}(y):\n"
-    if coupling.by_component:
-        return f"{head}    return {coupling.components[0]} + 0 * y\n"
-    m = len(coupling.components)
-    names = ", ".join(f"y{c + 1}" for c in range(m))
-    parts = ", ".join(f"{each} + 0 * y1" for each in coupling.components)
-    return f"{head}    {names}{',' if m == 1 else ''} = y.T\n    return np.stack([{parts}], axis=1)\n"
-
-
-def _numbers(problem: Problem, gain: arrays.Gain | None) -> str:
-    A, C = arrays.exosystem_arrays(problem)
-    n, m, q = problem.n, problem.m, problem.q
-    K = arrays.pinning_matrix(problem).tocoo()
-    lines = [f"\n\nN, M, Q = {n}, {m}, {q}", f"LABELS = {list(problem.network.labels)!r}"]
-    named = {"A": A, "C": C, "W": arrays.required_gain(problem, gain), "GOALS": arrays.goals(problem)}
-    for name, array in named.items():
-        lines.append(f"{name} = np.array({array.tolist()!r}, dtype=float).reshape{array.shape}")
-    lines.append(f"K = np.zeros(({n}, {m}, {m}))  # 1/s, one matrix per agent")
-    entries = zip(K.row.tolist(), K.col.tolist(), K.data.tolist(), strict=True)
-    lines += [f"K[{row // m}, {row % m}, {column % m}] = {value!r}" for row, column, value in entries]
-    return "\n".join(lines) + "\n"
-
-
-def _arcs(problem: Problem, couplings: list[Coupling]) -> str:
-    """By mode and coupling: listeners, speakers and weights."""
-    lines = ["ARCS = {  # mode: (coupling, listeners, speakers, weights)"]
-    for mode in problem.network.modes:
-        lines.append(f"    {mode!r}: [")
-        for group in arrays.arc_groups(problem, mode):
-            weights = np.asarray(group.weights).tolist()
-            pairs = f"np.array({group.listeners.tolist()}), np.array({group.speakers.tolist()})"
-            lines.append(f"        (h{couplings.index(group.coupling)}, {pairs}, np.array({weights})),")
-        lines.append("    ],")
-    return "\n".join([*lines, "}", ""])
 
 
 def _inside_docstring(text: str) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 
 from dobc_design.certificate.claims import Claims, certified_period
 from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus, linearisation
-from dobc_design.conditions.numbers import rounded_down
+from dobc_design.conditions.numbers import bisected, rounded_down
 from dobc_design.conditions.statement import Statement, undecided
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
@@ -112,10 +112,7 @@ def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fracti
         above = trial
     else:
         return None
-    low = trial
-    for _ in range(_BISECTIONS):
-        middle = (low + above) / 2
-        low, above = (middle, above) if works(middle) else (low, middle)
+    low = bisected(works, trial, above, steps=_BISECTIONS)[0]
     short = rounded_down(low, digits=3)
     return short if works(short) else low
 

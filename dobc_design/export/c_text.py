@@ -6,7 +6,6 @@ Text of users appears in strings and comments only, escaped, so that no label ca
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from importlib.resources import files
 from typing import Any
@@ -15,13 +14,12 @@ import numpy as np
 from jinja2 import Template
 
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.expression import variables_used
+from dobc_design.coupling.expression import ATOM, Infix, Piece, variables_used
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
 from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import SpecError
 
 PRECISIONS = ("double", "float")
-SUM, PRODUCT, UNARY, ATOM = range(4)
 HELPERS = ("abs", "min", "max")  # functions that templates/agent.c.j2 has, beside power
 
 
@@ -84,19 +82,7 @@ def comment(text: str) -> str:
     return safe.replace("*/", "* /").replace("/*", "/ *")
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """An expression in C and how tightly it binds."""
-
-    text: str
-    level: int
-
-    def inside(self, level: int) -> str:
-        """The text where something that binds at least as tightly is wanted."""
-        return self.text if self.level >= level else f"({self.text})"
-
-
-class CAlgebra:
+class CAlgebra(Infix):
     """Algebra (``Algebra``) of C expressions; ``used`` collects helpers, ``library``: <math.h> is needed."""
 
     def __init__(self, precision: str) -> None:
@@ -110,21 +96,6 @@ class CAlgebra:
 
     def pi(self) -> Piece:
         return Piece("3.14159265358979323846" + self.suffix, ATOM)
-
-    def negate(self, operand: Piece) -> Piece:
-        return Piece(f"-{operand.inside(ATOM)}", UNARY)
-
-    def add(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.text} + {right.inside(PRODUCT)}", SUM)
-
-    def subtract(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.text} - {right.inside(PRODUCT)}", SUM)
-
-    def multiply(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.inside(PRODUCT)} * {right.inside(UNARY)}", PRODUCT)
-
-    def divide(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.inside(PRODUCT)} / {right.inside(UNARY)}", PRODUCT)
 
     def power(self, base: Piece, exponent: int) -> Piece:
         self.used.add("power")

@@ -6,7 +6,6 @@ from its whole boundary?  What is found is a suspect; only a proved equilibrium 
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -15,10 +14,11 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
+from scipy import optimize
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, surviving
 from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
 from dobc_design.conditions.equilibrium.decide import enclose_equilibrium, refuting_check
@@ -359,7 +359,6 @@ def ascend(flow: Flow, starts: StartSet, start: Pair, objective: Objective) -> P
 
 
 Vectors = Callable[[Array], Array]
-logger = logging.getLogger("dobc_design")
 STARTS, LEAST_STARTS = 48, 8  # of each kind: shared among the modes at most, in every mode at least
 MOST_ROWS, MOST_ARCS = 1500, 60_000  # starts of one kind times rows, or times arcs: a second or so in all
 MOST_PROVED = 4  # roots of one mode for which a proof is tried, the nearest to the target first
@@ -377,12 +376,9 @@ def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:
     """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
     if problem.region is None or problem.n * problem.m > LARGEST:
         return None
-    try:
-        with np.errstate(all="ignore"):
-            best = _nearest(problem, seed)
-    except (ArithmeticError, RuntimeError, ValueError) as error:
-        logger.warning("the search for equilibria failed: %s", error)
-        return None
+    best = None
+    with surviving("the search for equilibria failed"), np.errstate(all="ignore"):
+        best = _nearest(problem, seed)
     return None if best is None else refuting_check(problem, best)
 
 
@@ -456,34 +452,7 @@ def find_roots(problem: Problem, mode: str, points: Sequence[Array]) -> Iterator
 
 def _root(value: Vectors, slope: Vectors, start: Array, least: float) -> Array | None:
     """A root with |e|_inf > ``least`` of a function with this derivative, or None."""
-    e, here = start, value(start)
-    size, damping = float(np.linalg.norm(here)), 1e-3
-    for _ in range(STEPS):
-        reach = float(np.max(np.abs(e)))
-        if not np.isfinite(size) or reach <= least:
-            return None
-        J = slope(e)
-        if not np.isfinite(J).all():
-            return None
-        if np.max(np.abs(here)) <= CLOSE * np.abs(J).sum(axis=1).max() * reach:
-            return e
-        moved = e - _step(J, here, damping * size)
-        there = value(moved)
-        found = float(np.linalg.norm(there))
-        if found < size:
-            e, here, size, damping = moved, there, found, damping / 5
-        elif damping > MOST_DAMPING:
-            return None
-        else:
-            damping *= 5
-    return None
-
-
-def _step(J: Array, value: Array, damping: float) -> Array:
-    """(J'J + damping I)^-1 J' value; the damping goes to 0 with the residual, so that the end is Newton's."""
-    normal = J.T @ J
-    normal[np.diag_indices_from(normal)] += max(damping, 1e-15 * float(np.trace(normal)) / len(normal), 1e-300)
-    try:
-        return np.asarray(np.linalg.solve(normal, J.T @ value))
-    except np.linalg.LinAlgError:
-        return np.zeros_like(value)
+    found = optimize.root(value, start, jac=slope, method="lm", options={"maxiter": STEPS, "xtol": 0.0, "ftol": 0.0})
+    e, J, reach = found.x, slope(found.x), float(np.max(np.abs(found.x)))
+    close = np.max(np.abs(value(e))) <= CLOSE * np.abs(J).sum(axis=1).max() * reach  # never for nan
+    return np.asarray(e) if close and least < reach < np.inf else None

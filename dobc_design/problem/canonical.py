@@ -31,17 +31,8 @@ _CURE = "Write it again with `dobc check FILE --canonical OUT`."
 _KEYS = ("format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains")
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
 _LATER_TABLES = ("uncertainty", "actuators")
-_LATER_SWITCHING = (
-    "sequence",
-    "period",
-    "generator",
-    "schedule",
-    "radius",
-    "neighbours",
-    "hysteresis",
-    "guarantee",
-    "longest",
-)
+_SWITCHING = ("signal", "dwell")
+_LATER_SWITCHING = tuple(each.name for each in fields(Switching) if each.name not in _SWITCHING)
 
 
 def canonical_bytes(problem: Problem) -> bytes:
@@ -178,8 +169,7 @@ class _Reader:
         groups = self.groups(document["exosystem"])
         exosystem = None if groups else _object(document["exosystem"], ("A", "C"), key="exosystem", optional=True)
         observer = _object(document["observer"], ("W", "P", "rate"), key="observer")
-        wanted = ("signal", "dwell")
-        switching = _object(document["switching"], wanted, _LATER_SWITCHING, key="switching", optional=True)
+        switching = _object(document["switching"], _SWITCHING, _LATER_SWITCHING, key="switching", optional=True)
         wanted = ("initial_states", "initial_disturbance")
         region = _object(document["region"], wanted, key="region", optional=True)
         simulation = _object(document["simulation"], ("t_final", "seed", "xi0"), ("x0",), key="simulation")

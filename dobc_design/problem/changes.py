@@ -269,22 +269,14 @@ def _settings(problem: Problem, labels: list[str]) -> dict[str, dict[str, Any]]:
     for group in (tables["exosystem"] or {}).get("groups", ()):
         group["agents"] = [labels[i] for i in group["agents"]]
     offsets = {labels[i]: [typed_number(x) for x in offset] for i, offset in problem.offsets.items()}
-    tables |= {
+    # In the order of a file: an exosystem and its observer stand before the formation.
+    first = {
         "pinning": {"gains": gain_table(problem.pinning.gains, labels) or None},
+        **dict.fromkeys(("exosystem", "observer")),
         "formation": {"offsets": offsets or None},
     }
-    order = (
-        "pinning",
-        "exosystem",
-        "observer",
-        "formation",
-        "region",
-        "switching",
-        "simulation",
-        "uncertainty",
-        "actuators",
-    )
-    kept = {name: {key: x for key, x in (tables.get(name) or {}).items() if x is not None} for name in order}
+    every = (first | tables).items()
+    kept = {name: {key: x for key, x in (table or {}).items() if x is not None} for name, table in every}
     return {name: table for name, table in kept.items() if table}
 
 

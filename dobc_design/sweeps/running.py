@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import json
-import math
 import os
 import signal
 import threading
@@ -39,8 +38,6 @@ Backend = dict[str, Any]  # what joblib is to work with: processes of this machi
 LOKY: Backend = {"backend": "loky", "inner_max_num_threads": 1}
 LOCAL = "local"  # the name of a cluster on this machine
 GRACE = 60.0  # s, beside the limit twice, that a case may take to hear that its time is over
-FEWEST = 5  # finished cases before a time left is said
-WIDTH = 2.0  # standard deviations to either side of it
 
 DIED = "The worker died while running this case: out of memory, killed, or a fault in a library."
 
@@ -49,28 +46,16 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class State:
-    """Where a sweep stands.  ``resumed`` of the ``done`` cases were there before; ``left`` in s, least and most."""
+    """Where a sweep stands.  ``resumed`` of the ``done`` cases were there before."""
 
     total: int
     done: int
     resumed: int
     failed: int
-    elapsed: float
-    left: tuple[float, float] | None
 
     def __str__(self) -> str:
         before = f", {self.resumed} of them from before" if self.resumed else ""
-        failed = f", {self.failed} failed" if self.failed else ""
-        return f"{self.done} of {self.total} cases{before}{failed}; {self.time_left}"
-
-    @property
-    def time_left(self) -> str:
-        if self.done == self.total:
-            return f"finished after {duration(self.elapsed)}"
-        if self.left is None:
-            return "time left not known yet"
-        low, high = (duration(value) for value in self.left)
-        return f"about {high} left" if low == high else f"{low} to {high} left"
+        return f"{self.done} of {self.total} cases{before}{f', {self.failed} failed' if self.failed else ''}"
 
 
 Progress = Callable[[State], None]
@@ -156,20 +141,13 @@ def _run(journal: Journal, *, jobs: int | None, backend: Backend, limit: float |
     order = list(range(len(plan)))
     Random(0).shuffle(order)
     resumed, failed = len(done), sum(line["error"] is not None for line in done.values())
-    clock, began, idle = Clock(), time.monotonic(), 0.0
 
     def report() -> None:
-        elapsed = time.monotonic() - began
-        left = clock.left(len(plan) - len(done), elapsed=elapsed - idle)
-        counts = {"total": len(plan), "done": len(done), "resumed": resumed, "failed": failed}
-        progress(State(**counts, elapsed=elapsed, left=left))
+        progress(State(total=len(plan), done=len(done), resumed=resumed, failed=failed))
 
     report()
     for line in outcomes(plan, [case for case in order if case not in done], jobs=jobs, backend=backend, limit=limit):
-        if clock.count == 0:  # processes start and libraries load once: no part of the pace
-            idle = max(0.0, time.monotonic() - began - line["seconds"])
         journal.append(line)
-        clock.add(line["seconds"])
         failed += line["error"] is not None
         report()
 
@@ -345,37 +323,3 @@ def _backend(cluster: str | None, jobs: int | None, cases: int) -> Iterator[Back
 
 def _version() -> str:
     return __version__
-
-
-class Clock:
-    """How long the rest takes, as an interval.  Cases are done in a shuffled order, so that those behind are a random
-    sample of those ahead.  With k durations of mean a and variance s2, and R cases ahead, the work ahead has mean R a
-    and variance R s2 + R^2 s2 / k; divided by the number of cases that run at once, as it was seen, this is the time
-    left."""
-
-    def __init__(self) -> None:
-        self.count, self.total, self.squares = 0, 0.0, 0.0
-
-    def add(self, seconds: float) -> None:
-        self.count, self.total, self.squares = self.count + 1, self.total + seconds, self.squares + seconds**2
-
-    def left(self, ahead: int, *, elapsed: float) -> tuple[float, float] | None:
-        """Seconds until ``ahead`` more cases are done, least and most; ``elapsed`` since the first began."""
-        if self.count < FEWEST or elapsed <= 0 or self.total <= 0:
-            return None
-        middle = ahead * elapsed / self.count  # with everything that costs time beside the cases themselves
-        variance = max(0.0, self.squares * self.count / self.total**2 - 1) * self.count / (self.count - 1)
-        spread = WIDTH * math.sqrt(variance * (1 / ahead + 1 / self.count)) if ahead else 0.0
-        return middle * max(0.0, 1 - spread), middle * (1 + spread)
-
-
-def duration(seconds: float) -> str:
-    """A duration with as many digits as anybody wants to read: 8 s, 3 min, 2 h 10 min."""
-    whole = max(0, round(seconds))
-    if whole < 90:
-        return f"{whole if whole < 10 else 5 * round(whole / 5)} s"
-    minutes = round(whole / 60)
-    if minutes < 90:
-        return f"{minutes} min"
-    hours, rest = divmod(10 * round(minutes / 10), 60)
-    return f"{hours} h {rest} min" if rest and hours < 24 else f"{round(seconds / 3600)} h"

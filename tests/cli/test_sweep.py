@@ -55,8 +55,7 @@ def test_verbose_tells_every_tenth_part_and_quiet_nothing(dobc):
     code, out, err = dobc("chain.toml", "pinning.gains.3=1:4:20", "--jobs", 1, "-v")
     told = err.splitlines()
     assert (code, len(told)) == (0, 11)
-    assert told[0] == "0 of 20 cases; time left not known yet"
-    assert told[-1].startswith("20 of 20 cases; finished after")
+    assert (told[0], told[-1]) == ("0 of 20 cases", "20 of 20 cases")
     assert out
     assert dobc("chain.toml", "pinning.gains.3=1:4:20", "--jobs", 1, "-q")[1:] == ("", "")
 

@@ -9,7 +9,6 @@ import signal
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from random import Random
 
 import pytest
 from problem_texts import CHAIN
@@ -21,7 +20,7 @@ from dobc_design.problem.load import load_problem
 from dobc_design.sweeps import running
 from dobc_design.sweeps.plan import Plan, Task, make_plan
 from dobc_design.sweeps.result import Journal
-from dobc_design.sweeps.running import LOKY, Clock, State, TooLong, duration, outcomes, run_case, sweep, within
+from dobc_design.sweeps.running import LOKY, State, TooLong, outcomes, run_case, sweep, within
 from dobc_design.verdict import Verdict
 
 OVER = {"pinning.gains.3": "0,4", "coupling.h": "y,-y,y+1", "network.modes.G[0][2]": "~uniform(0.5,2)"}
@@ -268,52 +267,6 @@ def test_a_case_that_kills_its_worker_is_recorded_and_the_others_are_done(chain,
     assert kinds == {2: "worker", 3: "time", 4: "time"}
 
 
-def test_the_time_left_of_equal_cases_is_exact_and_comes_after_five():
-    clock = Clock()
-    for k in range(1, 11):
-        assert clock.left(10, elapsed=2.0 * (k - 1)) is None or k > 5
-        clock.add(4.0)  # two at a time: ten cases of 4 s in 20 s
-    low, high = clock.left(30, elapsed=20.0)
-    assert (low, high) == (pytest.approx(60), pytest.approx(60))
-    assert clock.left(0, elapsed=20.0) == (0, 0)
-
-
-def test_the_interval_holds_the_truth_about_as_often_as_it_says():
-    """400 sweeps of cases with exponential durations: the time left after 20 of 60 lies inside in about 95 %."""
-    inside = 0
-    for seed in range(400):
-        r, clock = Random(seed), Clock()
-        for _ in range(20):
-            clock.add(r.expovariate(1))
-        low, high = clock.left(40, elapsed=clock.total)
-        inside += low <= sum(r.expovariate(1) for _ in range(40)) <= high
-    assert 340 <= inside <= 398
-
-
-def test_the_time_left_does_not_repeat_the_start_of_the_processes(chain, monkeypatch):
-    """Ten cases of 1 s each after 100 s of starting: with five behind there are 5 s ahead."""
-    now, seen = [0.0], []
-
-    def slow_start(plan, cases, **_):
-        now[0] += 100
-        for case in cases:
-            now[0] += 1
-            yield {"case": case, "values": list(plan.values(case)), "result": {}, "error": None, "seconds": 1.0}
-
-    monkeypatch.setattr(running, "outcomes", slow_start)
-    monkeypatch.setattr(running.time, "monotonic", lambda: now[0])
-    sweep(chain, ["target=1:10:10"], progress=seen.append)
-    assert seen[5].left == (5, 5)
-    assert seen[-1].elapsed == 110
-
-
-def test_durations_have_few_digits():
-    wanted = {0.2: "0 s", 7.4: "7 s", 33: "35 s", 100: "2 min", 3600: "60 min", 8000: "2 h 10 min", 10**6: "278 h"}
-    assert {seconds: duration(seconds) for seconds in wanted} == wanted
-
-
 def test_a_state_says_itself_in_words():
-    state = State(total=20, done=8, resumed=3, failed=1, elapsed=10, left=(50, 130))
-    assert str(state) == "8 of 20 cases, 3 of them from before, 1 failed; 50 s to 2 min left"
-    ended = State(total=20, done=20, resumed=0, failed=0, elapsed=33, left=None)
-    assert str(ended) == "20 of 20 cases; finished after 35 s"
+    assert str(State(total=20, done=8, resumed=3, failed=1)) == "8 of 20 cases, 3 of them from before, 1 failed"
+    assert str(State(total=20, done=20, resumed=0, failed=0)) == "20 of 20 cases"

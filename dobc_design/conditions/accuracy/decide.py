@@ -1,18 +1,12 @@
 """Final bounds of the error, decided: peak gains of the observer, rows with a constant part, one stage in the next.
 
-With eps0 = xi - z - W x (what xihat would miss without noise) (22) becomes, with noise nu of the states,
-
-    eps0' = F eps0 + g - W w - F W nu - W D,     e' = h~(e) - K (e + nu) + C eps0 - C W nu + w,     F = A - WC
-
-where h~ is the coupling as it acts, with |h~_i - h_i| and |D_i| <= 2 nubar H_i, H_i = sum_j w sup |h'|.  By linearity
-eps0 is a free part, which decays by itself, and a forced part that starts at 0: |C eps_forced| <= c_i for ALL t >= 0.
-So what acts on agent i besides its row and C eps_free is at most
+With F = A - WC and H_i = sum_j w sup |h'|, what acts on agent i besides its row and a part of the estimation error
+that decays by itself is at most (theory, What the model leaves out)
 
     b_i = omega (1 + peak of W) + gamma (peak of I) + nubar (|k_i| + |C W| + peak of F W) + 2 nubar H_i (1 + peak of W)
 
-and rows with b_i added, <= -alpha s v_i for all s in [level, rho], give D+ N <= -alpha N + E/min v there, E the norm of
-eps_free.  With kappa beta min v > 1 max(N, level) + kappa E never rises: it holds the starts of the domain in
-{N <= rho}; E vanishes, so N reaches the level in finite time and stays below it.
+and where rows with b_i added stay <= -alpha s v_i for all s in [level, rho], N reaches the level in finite time and
+stays below it, if kappa beta min v > 1 for the part of V that is the observer's.
 """
 
 from __future__ import annotations

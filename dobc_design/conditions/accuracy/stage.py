@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -11,7 +10,7 @@ from itertools import chain
 from dobc_design.conditions.accuracy.claim import MOST_STAGES, Accuracy, Level, Peaks
 from dobc_design.conditions.accuracy.decide import ID, accuracy_check, obstacle
 from dobc_design.conditions.accuracy.propose import near_target, propose_peaks, propose_stages
-from dobc_design.conditions.check import Check, Domain, limited, starts_in, undecided_check
+from dobc_design.conditions.check import Check, Domain, limited, starts_in, surviving, undecided_check
 from dobc_design.conditions.coverage import Progress, read_region
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_up
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
@@ -22,8 +21,6 @@ from dobc_design.exact.number import root_above
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-
-logger = logging.getLogger("dobc_design")
 
 #: Parts of the box that are tried one after the other: noise passes through a coupling that is steep far out.
 PARTS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 10), Fraction(1, 30), Fraction(1, 100))
@@ -43,17 +40,14 @@ def accuracy_stage(
         return [undecided_check(ID, domain, reason, applies=False)]
     if (late := out_of_time()) is not None:
         return [undecided_check(ID, domain, late)]
-    try:
+    first = None
+    with surviving("no final bounds"):
         with at_most(STAGE):
             peaks = None if W is None or not problem.groups else propose_peaks(problem, W)
         if problem.groups and peaks is None:
             reason = "the peak gains of the observer are not bounded: its error does not decay, or too slowly."
             return [undecided_check(ID, domain, reason)]
-        found = _claims(problem, W, peaks, checks, domain)
-        first = next(found, None)
-    except (ArithmeticError, RuntimeError, ValueError) as error:
-        logger.warning("no final bounds: %s", error)
-        first = None
+        first = next(_claims(problem, W, peaks, checks, domain), None)
     if first is None:
         reason = "no box is found that shrinks under the inputs of [uncertainty]: they are too large for these gains."
         return [undecided_check(ID, domain, reason)]

@@ -5,7 +5,6 @@ Theory, section 4.  ``propose`` cuts up the set between two levels of V, ``decid
 
 from __future__ import annotations
 
-import logging
 import math
 from fractions import Fraction
 from typing import Final
@@ -13,7 +12,7 @@ from typing import Final
 from dobc_design.conditions.boxes.claim import LARGEST, Shell
 from dobc_design.conditions.boxes.decide import exhaustive_check
 from dobc_design.conditions.boxes.propose import grow_shell
-from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.check import Check, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.claim import Shape
@@ -22,8 +21,6 @@ from dobc_design.conditions.quadratic.propose import linear_rate
 from dobc_design.conditions.quadratic.stage import propose
 from dobc_design.conditions.separable.claim import acts_by_component
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
-
-logger = logging.getLogger("dobc_design")
 
 SMALL: Final = 4  # rows n m up to which boxes are counted out without being asked for
 MOST_BOXES: Final = 50_000  # that a certificate may hold, so that a checker in plain Python gets through them
@@ -81,10 +78,10 @@ def _shell(asked: Asked, shape: Shape, *, beyond: float) -> Shell | None:
 
 def _grown(asked: Asked, shape: Shape, rate: Fraction, *, beyond: float) -> Shell | None:
     """None also where no box proof reaches beyond the inner certificate, or a numerical library breaks down."""
-    inner = propose(asked, shape, rate=rate)
+    inner, shell = propose(asked, shape, rate=rate), None
     if inner is None:
         return None
-    try:
+    with surviving(f"no boxes ({shape})", WorkLimitError):
         shell = grow_shell(
             asked.problem,
             inner.lure,
@@ -93,9 +90,6 @@ def _grown(asked: Asked, shape: Shape, rate: Fraction, *, beyond: float) -> Shel
             most=MOST_BOXES,
             least=eigenvalue_bound(inner.lure.P_e) * claimed(beyond) ** 2,
         )
-    except (ArithmeticError, RuntimeError, ValueError, WorkLimitError) as error:
-        logger.warning("no boxes (%s): %s", shape, error)
-        return None
     return shell if shell is not None and _ball(asked, shell) > beyond else None
 
 

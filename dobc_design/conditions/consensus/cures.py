@@ -152,7 +152,7 @@ def best_single(
             progress(f"looking for the best agent to pin ({place} of {len(candidates)} tried)")
         chosen = np.isin(np.arange(blocks.agents), (*pins, agent))
         valid = pinning.valid_gains(blocks, chosen, np.ones(blocks.agents)) if blocks.z else None  # quick
-        gains = valid if blocks.z else smallest_gains(blocks, (*pins, agent))
+        gains = valid.gains if valid is not None else None if blocks.z else smallest_gains(blocks, (*pins, agent))
         if gains is not None:
             totals[agent] = float(np.sum(gains))
     if not totals:

@@ -149,17 +149,10 @@ def smallest_gains(blocks: Blocks, allowed: Collection[int], *, costs: Sequence[
 def cheapest_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
     """The gains of least cost found on the ``chosen`` agents (n,): of one Z-matrix the closed form; of several their
     dual, or a conic program while they are not too large; else gains that suffice.  None if none can do."""
-    single = [optimum(table, chosen, costs, caps) for table in blocks.tables] if blocks.z else []
-    known, found = [each for each in single if each is not None], None
-    if len(known) < len(single):
-        return None
-    if known:  # the largest gain of each agent serves all
-        best = max(range(len(known)), key=lambda k: costs @ known[k].gains)
-        vectors = [list(each.duals) if k == best and not blocks.weighted else [] for k, each in enumerate(known)]
-        found = Shared(gains=np.max([each.gains for each in known], axis=0), vectors=vectors)
-        if len(known) == 1 or blocks.weighted:
-            return found
-    shared = solve_shared(blocks.tables, chosen, costs, caps) if known and blocks.agents > FEW_ROWS else None
+    found = valid_gains(blocks, chosen, costs, caps) if blocks.z else None
+    if blocks.z and (found is None or len(blocks.tables) == 1 or blocks.weighted):
+        return found
+    shared = solve_shared(blocks.tables, chosen, costs, caps) if found and blocks.agents > FEW_ROWS else None
     if shared is not None:
         found = _cheaper(found, shared, [[v] for v in shared.duals], costs)
         cost = float(costs @ shared.gains)
@@ -172,6 +165,18 @@ def cheapest_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None
         gains = _alike(blocks, chosen)
         found = None if gains is None else Shared(gains=gains, vectors=[[] for _ in blocks.tables])
     return found
+
+
+def valid_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
+    """For Z-matrices: the closed form of every block, and of several the largest gain of each agent.  Lambda only
+    falls when a gain rises, so the largest ones serve every block."""
+    found = [optimum(table, chosen, costs, caps) for table in blocks.tables]
+    known = [each for each in found if each is not None]
+    if len(known) < len(found):
+        return None
+    best = max(range(len(known)), key=lambda k: costs @ known[k].gains)
+    vectors = [list(each.duals) if k == best and not blocks.weighted else [] for k, each in enumerate(known)]
+    return Shared(gains=np.max([each.gains for each in known], axis=0), vectors=vectors)
 
 
 def _cheaper(found: Shared | None, other: Optimum, vectors: list[list[Array]], costs: Array) -> Shared:
@@ -188,14 +193,6 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
     values, vectors = np.linalg.eigh((Z + Z.T) / 2)
     top = float(np.max(values, initial=0.0))
     return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
-
-
-def valid_gains(blocks: Blocks, chosen: Any, weights: Array) -> Array | None:
-    """For Z-matrices: the closed form of every block, and of several the largest gain of each agent.  Lambda only
-    falls when a gain rises, so the largest ones serve every block."""
-    found = [optimum(table, chosen, weights) for table in blocks.tables]
-    gains = [each.gains for each in found if each is not None]
-    return np.asarray(np.max(gains, axis=0)) if len(gains) == len(found) else None
 
 
 def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Optimum | None:

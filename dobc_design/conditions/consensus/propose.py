@@ -7,6 +7,7 @@ lambda_min(M) >= the least (M v)_i / v_i (theory, section 8).  An estimate that 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -16,6 +17,7 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import nearest
 from dobc_design.problem.arrays import arc_table
@@ -271,12 +273,11 @@ def pair_rate(tops: Mapping[str, Top], P: Array, Q: Array, exosystem: Exosystem)
     bound = max(top.value for top in tops.values())
     if not math.isfinite(bound):
         return 0.0
-    low, high = 0.0, max(0.0, -bound / 2)
-    for _ in range(60):
-        middle = (low + high) / 2
-        does = bound + 2 * middle + _lambda_max_of_s(P, Q, exosystem, rate=middle) < 0
-        low, high = (middle, high) if does else (low, middle)
-    return low
+
+    def holds(rate: float) -> bool:
+        return bound + 2 * rate + _lambda_max_of_s(P, Q, exosystem, rate=rate) < 0
+
+    return bisected(holds, 0.0, max(0.0, -bound / 2), steps=60)[0]
 
 
 def _lambda_max_of_s(P: Array, Q: Array, exosystem: Exosystem, *, rate: float) -> float:
@@ -354,11 +355,8 @@ class _Search:
         if single or self.needs_all(base):
             return single[:5] or [tuple(base)]
         order = self.by_weight(base)
-        low, high = 0, len(order)
-        while high - low > 1:  # the fewest of the heaviest that still fail
-            middle = (low + high) // 2
-            low, high = (low, middle) if self.fails(order[:middle]) else (middle, high)
-        found = [self.cut(order[:high])]
+        fewest = bisect_left(range(len(order)), True, lo=1, key=lambda count: self.fails(order[:count]))
+        found = [self.cut(order[:fewest])]
         best = len(found[0])
         for seed in self.by_weight(base):
             grown = self.grown(seed, base, limit=best) if self.left > 0 else None

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from dobc_design.conditions.consensus.claim import omega
-from dobc_design.conditions.numbers import rounded_down
+from dobc_design.conditions.numbers import bisected, rounded_down
 from dobc_design.conditions.quadratic import propose_program as programs
 from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
 from dobc_design.conditions.quadratic.propose_program import FloatLoop, Gains, float_loop, sample_gains
@@ -161,11 +161,8 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
             observer = P_e @ S @ P_e
         return all(float(np.linalg.eigvalsh(X + 2 * beta * P_e + observer)[-1]) < 0 for X in fixed)
 
-    low, high = 0.0, min(-float(linalg.eigh(X, P_e, eigvals_only=True)[-1]) for X in fixed) / 2
-    for _ in range(50):
-        middle = (low + high) / 2
-        low, high = (middle, high) if decreases(middle) else (low, middle)
-    return low
+    most = min(-float(linalg.eigh(X, P_e, eigvals_only=True)[-1]) for X in fixed) / 2
+    return bisected(decreases, 0.0, most, steps=50)[0]
 
 
 def linear_rate(problem: Problem, W: Matrix | None) -> float:

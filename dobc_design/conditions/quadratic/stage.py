@@ -5,7 +5,6 @@ Theory, section 4.  ``propose`` proposes P_e = I, a diagonal and a full P_e, che
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -14,7 +13,7 @@ from fractions import Fraction
 from functools import partial
 from typing import Final
 
-from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.check import Check, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.claim import Lure, Shape
@@ -29,8 +28,6 @@ from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, li
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-
-logger = logging.getLogger("dobc_design")
 
 #: Rows n m up to which quadratic certificates are looked for; a full P_e up to fewer, and somewhat more on request.
 MOST_ROWS: Final = 60
@@ -91,12 +88,10 @@ def _found(asked: Asked, search: Callable[..., Lure | None], what: str, name: st
     """What a search among proved certificates finds, if it is larger than ``accept``."""
     ball = claimed(asked.ball)
     largest = max(2 * ball, min(10 * ball, _LARGEST))
-    try:
+    lure = None
+    with surviving(f"no quadratic proposal ({what})", WorkLimitError):
         spend(_steps(asked.problem))
         lure = search(holds=partial(holds, asked.problem), largest=largest)
-    except (ArithmeticError, RuntimeError, ValueError, WorkLimitError) as error:
-        logger.warning("no quadratic proposal (%s): %s", what, error)
-        return None
     radius = 0.0 if lure is None else certified_ball(asked.problem, lure, disturbance=asked.disturbance)
     return None if lure is None or not radius > accept else Found(name, lure, radius)
 

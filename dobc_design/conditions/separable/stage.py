@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
-from dobc_design.conditions.check import Check, limited, undecided_check
+from dobc_design.conditions.check import Check, limited, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.separable import checks, propose
@@ -19,8 +18,6 @@ from dobc_design.conditions.separable.propose import SeparablePlan
 from dobc_design.conditions.separable.timing import longest_delay
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.verdict import Verdict
-
-logger = logging.getLogger("dobc_design")
 
 #: A second program with simpler enclosures has to confirm the rows, so they keep this part of alpha in hand.
 IN_HAND = Fraction(1, 10**4)
@@ -99,11 +96,10 @@ def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
     boxes are alike."""
     size = Fraction(1) if asked.domain == "global" else claimed(radius)
     disturbance = Fraction(0) if asked.domain == "global" else claimed(asked.disturbance)
-    try:
-        return propose.design_separable(asked.problem, radius=size, disturbance=disturbance, W=asked.W)
-    except (ArithmeticError, RuntimeError, ValueError) as error:
-        logger.warning("no max-separable proposal for radius %s: %s", radius, error)
-        return None
+    plan = None
+    with surviving(f"no max-separable proposal for radius {radius}"):
+        plan = propose.design_separable(asked.problem, radius=size, disturbance=disturbance, W=asked.W)
+    return plan
 
 
 def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable | None:
@@ -163,11 +159,9 @@ def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | 
         return None
     radius, disturbance = check.domain["radius"], check.domain["disturbance"]
     R, s, slower = claimed(radius), claimed(disturbance), float(claim.alpha) * SLOWER
-    try:
+    plan = None
+    with surviving("no flatter v for sampling"):
         plan = propose.flat_separable(asked.problem, radius=R, disturbance=s, W=asked.W, rate=slower)
-    except (ArithmeticError, RuntimeError, ValueError) as error:
-        logger.warning("no flatter v for sampling: %s", error)
-        return None
     return None if plan is None else _covering(replace(asked, disturbance=disturbance), radius, plan)
 
 

@@ -19,7 +19,7 @@ from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
-from dobc_design.conditions.numbers import MANY_AGENTS, shorten
+from dobc_design.conditions.numbers import MANY_AGENTS, bisected, shorten
 from dobc_design.conditions.weighted.claim import Weighted
 from dobc_design.conditions.weighted.decide import observer_bounds
 from dobc_design.errors import SpecError
@@ -64,11 +64,7 @@ def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weight
         most = min(most, 0.9995 * min(decay_rate(group.exosystem, gain) for group, gain in _gains(problem, W)))
     (first, *others) = pairs.values()
     if others:  # the largest rate that common weights can have, about
-        low, high = 0.0, most
-        for _ in range(BISECTIONS):
-            middle = (low + high) / 2
-            low, high = (low, middle) if _weights(tables, middle) is None else (middle, high)
-        most = low
+        most = bisected(lambda rate: _weights(tables, rate) is not None, 0.0, most, steps=BISECTIONS)[0]
     for part in PARTS:
         rate = shorten(part * most, digits=6)
         with suppress(*GIVEN_UP):

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from dobc_design.conditions.numbers import claimed, largest_proved
+from dobc_design.conditions.numbers import bisected, claimed, largest_proved
 from dobc_design.conditions.observer.decide import detectability_check, error_matrix
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.errors import SpecError
@@ -324,15 +324,14 @@ def largest_hidden_rate(polynomial: Coefficients) -> Fraction | None:
     """A rate (1/s) that the hidden eigenvalues reach, proved, close to the largest; None if there is none."""
     if len(polynomial) < 2 or roots.routh(polynomial).verdict is not Verdict.PROVED:
         return None
-    low, high = Fraction(0), 1 + sum((abs(x) for x in polynomial), Fraction(0))  # Cauchy's bound
-    for _ in range(BISECTIONS):
-        middle = (low + high) / 2
-        reached = roots.count_right_half_plane(roots.shifted(polynomial, -middle)) == 0
-        low, high = (middle, high) if reached else (low, middle)
+
+    def reached(rate: Fraction) -> bool:
+        return roots.count_right_half_plane(roots.shifted(polynomial, -rate)) == 0
+
+    most = 1 + sum((abs(x) for x in polynomial), Fraction(0))  # Cauchy's bound
+    low, high = bisected(reached, Fraction(0), most, steps=BISECTIONS)
     short = high.limit_denominator(1000)
-    if short >= low > 0 and roots.count_right_half_plane(roots.shifted(polynomial, -short)) == 0:
-        return short
-    return low or None
+    return short if short >= low > 0 and reached(short) else low or None
 
 
 def _too_quiet(exosystem: Exosystem, request: claim.ObserverRequest) -> Statement | None:

@@ -74,7 +74,6 @@ class Asked:
     tolerance: Fraction
 
 
-@np.errstate(all="ignore")  # near the ends of the floats
 def approach(problem: Problem, W: Matrix | None, asked: Asked, *, limit: float | None) -> Iterator[tuple[Tube, Last]]:
     """Tubes from the box asked for, each with the certificate that then gives the earliest settling time, before
     ``limit`` (s) if there is one; the tightest first."""
@@ -126,6 +125,7 @@ class _Path:
     boxes: list[Array] = field(default_factory=list)
     slopes: Array | None = None  # how those that the rows ask for change with the box
 
+    @np.errstate(all="ignore")  # near the ends of the floats
     def follow(self, limit: float | None) -> bool:
         """Go on until the box lies within the tolerance or the ``limit`` is reached; False if it does not."""
         radius, goal = float(self.asked.radius), float(self.asked.tolerance)
@@ -135,7 +135,8 @@ class _Path:
         self.boxes, step = [np.full(2 * self.rows.problem.n, radius)], FIRST_STEP / self.fastest
         while len(self.times) < MOST_TIMES and float(self.times[-1]) < longest:
             now, box = self.times[-1], self.boxes[-1]
-            if float(box.max()) + kappa * self.load(now) <= goal:
+            size = float(box.max()) + kappa * self.load(now)
+            if size <= goal:
                 return True
             mode, change = "", None
             if self.turns is not None:
@@ -153,9 +154,13 @@ class _Path:
                 bent = math.inf
                 if found is not None:
                     bent = float(np.max(np.abs(found[1] - before))) * tried / float(found[0].max())
-                if bent <= 2 * self.bend:
+                if found is None or bent > 2 * self.bend:
+                    step = tried / 2
+                    continue
+                left = float(found[0].max()) + kappa * self.load(after)
+                if left >= goal * ROOM:
                     break
-                step = tried / 2
+                step = tried * (size - goal) / (size - left)  # to end where the tolerance is reached
             if found is None or bent > 2 * self.bend:
                 return False
             step = tried * min(2.0, math.sqrt(self.bend / max(bent, self.bend / 4)))
@@ -214,6 +219,7 @@ class _Path:
         )
 
 
+@np.errstate(all="ignore")
 def _choose(problem: Problem, path: _Path, candidates: Sequence[Last], asked: Asked) -> tuple[Fraction, Last] | None:
     """When which certificate takes over, for the earliest settling time."""
     times, boxes = np.array([float(t) for t in path.times]), np.stack(path.boxes).reshape(len(path.boxes), 2, -1)

@@ -27,20 +27,7 @@ settings.load_profile("ci" if os.environ.get("CI") else "fast")
 let_children_hear()
 
 # The regions of these built-in problems take seconds to certify and to check.
-_LONG = (
-    "karate-club",
-    "microgrid-ieee14",
-    "uav-swarm",
-    "01_example",
-    "02_regions",
-    "03_simulation",
-    "04_design",
-    "05_switching",
-    "06_from_grid",
-    "07_infeasible",
-    "08_sweep",
-    "09_from_paper",
-)
+_LONG = ("karate-club", "microgrid-ieee14", "uav-swarm")
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from clean_kernel import LONG, NOTEBOOKS, failure_of
 
-ROOT = Path(__file__).resolve().parents[1]
-NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-#: By number: the names of notebooks that take long to run mark a test as slow (tests/conftest.py).
 each_quickly = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem[:2])
 
 
@@ -56,24 +51,8 @@ def test_a_notebook_and_its_script_are_one(path: Path):
     assert parts[0] == parts[1]
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", [path for path in NOTEBOOKS if path.stem[:2] not in LONG], ids=lambda path: path.stem)
 def test_a_notebook_runs_from_a_clean_kernel(path: Path):
-    """nbmake executes every cell in a fresh process and fails on the first error."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "--nbmake",
-        "--nbmake-timeout=240",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "--override-ini=addopts=",
-        "-o",
-        "testpaths=",
-        str(path),
-    ]
-    environment = {**os.environ, "MPLBACKEND": "Agg", "JUPYTER_PLATFORM_DIRS": "1"}
-    done = subprocess.run(command, capture_output=True, check=False, text=True, timeout=300, env=environment, cwd=ROOT)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
-    assert "1 passed" in done.stdout
+    """`make evidence` runs the long ones too."""
+    assert failure_of(path) == ""

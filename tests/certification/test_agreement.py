@@ -85,6 +85,7 @@ def test_a_list_of_one_function_is_that_function():
         assert not box(other, 3, gains={1: 1}, target=[0, 0]).coupling.by_component
 
 
+@pytest.mark.slow
 def test_one_sided_couplings_get_no_advice_that_cannot_help():
     """e2' = (e1 - e2)^2 leaves from every e2 > 0, so that a smaller region is no help."""
     certificate = certify(box("y**2", "0.8", gains={1: 2}))

@@ -29,9 +29,9 @@ from dobc_design.verdict import Verdict
 def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():
     """Proved: all eigenvalues of (22) in the left half plane, V decays at least at the claimed rate whatever the
     switching; refuted: some mode has an eigenvalue that does not decay."""
-    tally = outside_campaign(range(30))
+    tally = outside_campaign(range(12))
     assert tally.wrong == []
-    assert min(tally.counts[verdict.value] for verdict in Verdict) >= 5
+    assert min(tally.counts[verdict.value] for verdict in Verdict) >= 2
 
 
 def test_a_missing_gain_is_designed_and_is_the_one_that_everything_is_about():

@@ -224,8 +224,8 @@ def test_random_refuted_problems_have_true_witnesses_and_cures_that_prove():
 
 @pytest.mark.slow
 def test_what_is_known_from_outside_is_decided():
-    tally = decided_campaign(range(30))
+    tally = decided_campaign(range(12))
     assert tally.wrong == []
     assert min(share(tally, "lemma1"), share(tally, "theorem")) >= 0.95
-    tally = undirected_campaign(range(40))
+    tally = undirected_campaign(range(15))
     assert (tally.wrong, share(tally, "undirected")) == ([], 1.0)

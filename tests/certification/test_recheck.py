@@ -247,11 +247,11 @@ def test_w_p_and_q_have_to_belong_together(paper):
 
 
 def test_accepted_mutants_are_true():
-    """210 changed certificates; the oracle reads every one that is accepted."""
-    tally = mutant_campaign(range(15), each=14)
+    """98 changed certificates; the oracle reads every one that is accepted."""
+    tally = mutant_campaign(range(7), each=14)
     assert tally.wrong == []
-    assert tally.counts["refused"] + tally.counts["unreadable"] > 140
-    assert tally.counts["accepted"] >= 5  # so that the oracle has something to read
+    assert tally.counts["refused"] + tally.counts["unreadable"] > 65
+    assert tally.counts["accepted"] >= 2  # so that the oracle has something to read
 
 
 def test_a_certificate_is_about_one_problem_only(paper):

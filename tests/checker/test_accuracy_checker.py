@@ -6,28 +6,20 @@ import json
 
 import pytest
 from accuracy_cases import ALL, BOX, accuracy_cases
-from checker_cases import HOLDS, Case, accepted_by, misjudged
+from checker_cases import HOLDS, accepted_by, accepted_by_package, misjudged
 from margins_cases import SEEN, two
 from mutants import mutate
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
-from dobc_design.certification.recheck import recheck
-from dobc_design.errors import CertificateError
-from dobc_design.problem.canonical import problem_from_canonical
 
 
 def test_every_case_is_judged_as_it_is():
     assert misjudged(accuracy_cases()) == []
 
 
-@pytest.mark.parametrize("case", accuracy_cases(), ids=lambda case: case.name)
-def test_the_package_says_the_same(case: Case):
-    try:
-        holds = recheck(case.certificate, problem_from_canonical(case.problem)).holds
-    except CertificateError:
-        holds = False
-    assert holds == (case.code == HOLDS)
+def test_the_package_says_the_same():
+    assert [case.name for case in accuracy_cases() if accepted_by_package(case) != (case.code == HOLDS)] == []
 
 
 @pytest.mark.parametrize("id", ["accuracy", "actuators", "tolerance"])
@@ -38,11 +30,11 @@ def test_what_one_program_refuses_the_other_refuses(id):
     check = next(each for each in document["checks"] if each["id"] == id)
     assert check["verdict"] == "proved"
     refused = 0
-    for seed in range(25):
+    for seed in range(12):
         changed = mutate({"it": check}, seed, other={"it": document["checks"][0]}).get("it")
         if isinstance(changed, dict) and changed != check:
             checks = [changed if each is check else each for each in document["checks"]]
             package, lone = accepted_by(document | {"checks": checks}, problem)
             assert package is lone, (seed, changed)
             refused += not package
-    assert refused > 12
+    assert refused > 5

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import mpmath
 import numpy as np
 import pytest
-from checker_cases import FAILS, HOLDS, alone, misjudged, outcome
+from checker_cases import FAILS, HOLDS, misjudged, outcome
 from exact_oracle import Oracle
 from known_regions import equilibria, equilibrium_campaign, linear_campaign, linear_problem
 from region_campaigns import change_region, region_mutant_campaign, region_problem, region_recheck_campaign
@@ -28,7 +28,6 @@ from dobc_design.checker.expressions import read_coupling
 from dobc_design.checker.intervals import added
 from dobc_design.checker.separable import Curve, mean_slope, supremum
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.load import load_problem
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
 
@@ -38,16 +37,6 @@ def test_every_case_gets_its_exit_code():
     assert misjudged(region_cases()) == []
     assert sum(case.code == HOLDS for case in region_cases()) > 25
     assert sum(case.code == FAILS for case in region_cases()) > 100
-
-
-@pytest.mark.parametrize("name", ["paper-fixed", "paper-switching"])
-def test_the_lone_folder_confirms_a_region_of_the_paper(tmp_path, name):
-    problem = load_problem(name)
-    proof = certify(problem)
-    assert "max-separable" in {check.id for check in proof.checks}
-    done = alone(tmp_path, certificate_bytes(proof.claims), canonical_bytes(problem))
-    assert (done.returncode, done.stderr) == (0, "")
-    assert "holds  max-separable : proved" in done.stdout
 
 
 # --- Known answers: the largest alpha by closed forms and by sampling the rows --------------------------------------

@@ -176,9 +176,9 @@ KINDS_OF_FILES = (
 
 @pytest.mark.parametrize("cases", KINDS_OF_FILES.split())
 def test_a_bad_file_leaves_with_2_one_json_error_and_nothing_written(dobc, tmp_path, cases):
-    for case in getattr(bad_files, cases):
+    for case in getattr(bad_files, cases)[::3]:  # the reader's own tests have all of them
         if callable(case.content) and not os.environ.get("CI"):
-            continue  # megabytes; the reader's own tests have them
+            continue  # megabytes
         folder = tmp_path / case.id
         folder.mkdir()
         os.chdir(folder)

@@ -306,18 +306,11 @@ def test_fifty_nested_parentheses_are_read():
 
 
 HOSTILE = ["(" * 50 + "9**64" + ")**64" * 50, "*".join(["(9**64)"] * 250), "/".join(["7**64"] * 300) + "*y", "(" * 2000]
-HOSTILE += [
-    "9**64" + "**64" * 400,
-    "-" * 2000,
-    "y" * 2000,
-    "+".join(["y"] * 1000),
-    "2y" * 1000,
-    "y^" * 1000,
-    "1e400" * 400,
-]
+HOSTILE += ["9**64" + "**64" * 400, "-" * 2000, "y" * 2000, "+".join(["y"] * 1000), "2y" * 1000]
+HOSTILE += ["min(" * 500, "1e" * 1000, "y^" * 1000, "1e400" * 400]
 
 
-@pytest.mark.parametrize("text", [*HOSTILE, "min(" * 500, "1e" * 1000, "y^" * 1000, "1e400" * 400])
+@pytest.mark.parametrize("text", HOSTILE)
 def test_hostile_text_takes_bounded_time(text):
     start = time.perf_counter()
     with contextlib.suppress(ExpressionError):
@@ -501,7 +494,7 @@ def _box(ends, at):
 
 
 @pytest.mark.parametrize("text", VECTOR)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(ends=st.tuples(*[_fraction] * 4), at=st.tuples(*[st.fractions(0, 1, max_denominator=9)] * 2))
 def test_interval_values_contain_every_value_on_the_box(text, ends, at):
     """Theory, section 3: enclosures must round outward."""
@@ -512,7 +505,7 @@ def test_interval_values_contain_every_value_on_the_box(text, ends, at):
 
 
 @pytest.mark.parametrize("text", [text for text in VECTOR if "max" not in text and "clip" not in text])
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(ends=st.tuples(*[_fraction] * 4), at=st.tuples(*[st.fractions(0, 1, max_denominator=9)] * 2))
 def test_gradients_contain_sympys_derivatives_on_the_box(text, ends, at):
     expression = parse_expression(text, dimension=2)
@@ -529,7 +522,7 @@ def test_gradients_contain_sympys_derivatives_on_the_box(text, ends, at):
 
 
 @pytest.mark.parametrize("text", [text for text in VECTOR if "max" in text or "clip" in text])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(ends=st.tuples(*[_fraction] * 4), at=st.tuples(*[st.fractions(0, 1, max_denominator=9)] * 4))
 def test_gradients_with_kinks_contain_a_mean_value_of_every_difference(text, ends, at):
     """Lebourg: f(a) - f(b) = g (a - b) with g in the generalized gradient on the segment."""

@@ -20,6 +20,7 @@ from evidence import (
     local,
     margins,
     mutation,
+    notebooks,
     optimal,
     pinning,
     robustness,
@@ -58,14 +59,14 @@ ITEMS = (
     Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000, share=20),
     Item(name="decision", run=certificates.decision, count=200, seed=6000, share=40),
     Item(name="outside", run=certificates.outside, count=300, seed=6000, share=0),  # a fast test runs 60
-    Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=20),
+    Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=50),
     Item(name="tolerances", run=margins.tolerances, count=1000, seed=12_000),
     Item(name="inputs", run=margins.inputs, count=10_000, seed=12_000),
-    Item(name="kills", run=robustness.kills, count=200, seed=8000, share=50),
+    Item(name="kills", run=robustness.kills, count=200, seed=8000, share=200),
     Item(name="writers", run=robustness.writers, count=200, seed=8000, share=20),
-    Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=15),
+    Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=0),  # slow tests interrupt 4 times
     Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=30),  # the count is seconds of CPU time
-    Item(name="agreement", run=agreement.run, count=400, seed=8500, share=40),
+    Item(name="agreement", run=agreement.run, count=400, seed=8500, share=80),
     Item(name="cures", run=certificates.cures, count=500, seed=8000, share=100),
     Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),
     Item(name="any-sign", run=local.any_sign, count=400, seed=9200, share=40),
@@ -76,9 +77,9 @@ ITEMS = (
     Item(name="optimal", run=optimal.pinning, count=10_000, seed=9700),
     Item(name="optimal-boxes", run=optimal.boxes, count=10_000, seed=9750),
     Item(name="designs", run=designs.requests, count=100, seed=9900),
-    Item(name="true-rate-designs", run=designs.true_rate, count=200, seed=9950),
+    Item(name="true-rate-designs", run=designs.true_rate, count=200, seed=9950, share=40),
     Item(name="built-in-designs", run=designs.built_in, count=6, seed=0),
-    Item(name="hadamard", run=hadamard.run, count=240, seed=7000),
+    Item(name="hadamard", run=hadamard.run, count=240, seed=7000, share=20),
     Item(name="hostile", run=hostile.run, count=250, seed=9800, share=12),
     Item(name="linear-runs", run=simulations.linear, count=200, seed=9100, share=20),
     Item(name="sampled-runs", run=simulations.sampled, count=300, seed=9200, share=20),
@@ -86,6 +87,7 @@ ITEMS = (
     Item(name="stacked-runs", run=simulations.stacked, count=150, seed=9350, share=20),
     Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400, share=60),
     Item(name="sweep", run=sweeps.run, count=2000, seed=0, share=50),
-    Item(name="same-bytes", run=same_bytes.run, count=len(same_bytes.NAMES), seed=0, share=3),
+    Item(name="same-bytes", run=same_bytes.run, count=len(same_bytes.NAMES), seed=0, share=6),
+    Item(name="notebooks", run=notebooks.run, count=9, seed=0, share=0),  # the slow tests run the short ones
     Item(name="mutation", run=mutation.run, count=40, seed=20261122, share=0),  # the tests of ten minutes are its base
 )

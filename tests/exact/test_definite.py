@@ -413,7 +413,7 @@ def test_z_matrices_at_the_edge_scaled_away_from_ones():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("power", [28, 37, 46])
+@pytest.mark.parametrize("power", [28, 46])
 def test_no_path_is_wrong_at_the_edge_with_256_rows(power: int):
     """The same for a size where an elimination over the rationals is out of reach."""
     for sign in (-1, 0, 1):

@@ -106,7 +106,7 @@ def test_agents_that_repel_each_other_are_found_and_named():
     assert set(found.suspects[0].labels) <= {"left", "right"}
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 12))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 5))])
 def test_a_certified_set_is_never_contradicted(seed: int):
     """Random networks, modes switching in any way, monotone and turning couplings; ascent included."""
     problem = random_problem(70 + seed, couplings=(MONOTONE + TURNING)[seed % 6 :: 3], modes=2, n=4, held=True)
@@ -161,7 +161,7 @@ def test_a_set_that_is_too_large_is_contradicted():
     assert len(beyond.proved) == 2
 
 
-@pytest.mark.parametrize("shape", ["identity", "full"])
+@pytest.mark.parametrize("shape", ["identity", pytest.param("full", marks=pytest.mark.slow)])
 def test_a_quadratic_certificate_is_never_contradicted_and_a_false_one_is(shape: str):
     """Directed 3-cycle with one pin; the twin asks for five times its rate."""
     problem = lure_cycle(3, {1: 3})
@@ -219,7 +219,7 @@ def test_the_ascent_leaves_the_basin_from_a_start_that_converges():
     assert np.max(np.abs(ends[1])) > 2
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_ascent_never_ends_lower_than_it_began(seed: int):
     """On the boundary of a certified set, V after a second."""
     problem = random_problem(80 + seed, couplings=("tanh(y)", "atan(2*y)"), modes=1, n=4, held=True)

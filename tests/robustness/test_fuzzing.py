@@ -13,7 +13,7 @@ from fuzzing import TARGETS, Target, as_text, defect, mutants
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-CASES = 40
+CASES = 20
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)

@@ -26,7 +26,8 @@ def test_kills_of_a_process_that_only_writes_leave_whole_files(tmp_path):
     assert outcome.counts["kills in the middle of a write"] > 0, "the test must hit what it is about"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_certify_says_so_and_leaves_a_whole_set(tmp_path, number):
     """130 for Ctrl-C, 143 for SIGTERM; no traceback, also in the first moments, while everything is imported."""
     outcome = interrupt_certify(2, 3, tmp_path, number=number)

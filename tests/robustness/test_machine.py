@@ -16,6 +16,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -193,8 +194,7 @@ KINDS: dict[str, Callable[[Path], object]] = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("suffix", ["toml", "json"])
+@pytest.mark.parametrize(("suffix", "kind"), [*product(["toml"], KINDS), ("json", "pipe"), ("json", "endless")])
 def test_what_is_no_problem_file_is_refused_at_once(tmp_path, kind, suffix):
     path = tmp_path / f"problem.{suffix}"
     KINDS[kind](path)
@@ -213,6 +213,12 @@ def test_what_is_no_certificate_is_refused_at_once(tmp_path, made, kind):
     assert ran.returncode == 2
     error = json.loads(ran.stdout)["error"]
     assert error["cure"]
+
+
+@pytest.mark.parametrize("kind", ["pipe", "endless", "noise"])
+def test_what_is_no_certificate_is_not_exported(tmp_path, kind):
+    path = tmp_path / "certificate.json"
+    KINDS[kind](path)
     assert dobc("export", path, "--rocq", tmp_path / "new.v", "--problem", "paper-fixed").returncode == 2
     assert not (tmp_path / "new.v").exists()
 
@@ -232,8 +238,9 @@ COMMANDS += [("explain", "theorem1"), ("--version",), ("certify", "paper-fixed",
 COMMANDS += [("certify", "paper-fixed", "--no-report", "--json"), ("verify", "made", "--problem", "paper-fixed")]
 
 
-@pytest.mark.parametrize("kind", ["full", "closed", "nobody reads"])
-@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize(
+    ("kind", "command"), [*product(["full"], COMMANDS), *product(["closed", "nobody reads"], COMMANDS[-3::2])]
+)
 def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made, command, kind):
     """Exit 1 and 3 are answers, so they must not come from a pipe that broke."""
     arguments = [made if word == "made" else word for word in command]

@@ -28,7 +28,7 @@ from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.errors import CertificateError
-from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
@@ -69,6 +69,12 @@ def accepted_by(document: dict[str, object], problem: Problem) -> tuple[bool, bo
     with suppress(CertificateError):
         package = recheck(data, problem).holds
     return package, outcome(data, canonical_bytes(problem)) == HOLDS
+
+
+def accepted_by_package(case: Case) -> bool:
+    with suppress(CertificateError):
+        return recheck(case.certificate, problem_from_canonical(case.problem)).holds
+    return False
 
 
 def misjudged(cases: list[Case]) -> list[str]:

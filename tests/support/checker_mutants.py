@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache, partial
+from operator import setitem
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 
 from dobc_design.checker import examine
 
@@ -34,6 +37,8 @@ FILES = (
     "examine",
 )
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}
+#: A condition, the value with which it accepts, and what puts another expression in its place.
+Condition = tuple[ast.expr, bool, Callable[[ast.expr], None]]
 
 
 @dataclass(frozen=True)
@@ -52,42 +57,85 @@ class Removal:
 def removals(file: str) -> list[Removal]:
     """Every check of one of the files."""
     conditions = enumerate(_conditions(ast.parse(SOURCES[file])))
-    return [Removal(file, place, node.lineno, ast.unparse(node)) for place, (node, _) in conditions]
+    return [Removal(file, place, node.lineno, ast.unparse(node)) for place, (node, *_) in conditions]
 
 
 def without(removal: Removal) -> ModuleType:
     """The module that examines, in a package of its own, with that check taken away."""
-    trees = {file: ast.parse(SOURCES[file]) for file in FILES}
-    _, replace = list(_conditions(trees[removal.file]))[removal.place]
-    replace()
-    package = f"{removal.file}_without_{removal.place}"
+    tree = ast.parse(SOURCES[removal.file])
+    _, accepting, replace = list(_conditions(tree))[removal.place]
+    replace(ast.Constant(accepting))
+    changed = compile(ast.fix_missing_locations(tree), removal.file, "exec")
+    return _examiner(f"{removal.file}_without_{removal.place}", {removal.file: changed})
+
+
+class Watched:
+    """The module that examines, and which of its checks have not passed: not true, or ended by an exception."""
+
+    def __init__(self) -> None:
+        changed = {}
+        for file in FILES:
+            tree = ast.parse(SOURCES[file])
+            for place, (node, accepting, replace) in enumerate(list(_conditions(tree))):
+                here = f"({file!r}, {place})"
+                watched = ast.parse(f"_seen({here}, {accepting}, _asked({here}), 0)", mode="eval").body
+                watched.args[-1] = node  # type: ignore[attr-defined]
+                replace(watched)
+            changed[file] = compile(ast.fix_missing_locations(tree), file, "exec")
+        self._open: Counter[tuple[str, int]] = Counter()
+        self._rejected: set[tuple[str, int]] = set()
+        self.module = _examiner("watched", changed, _asked=self._asked, _seen=self._seen)
+
+    def _asked(self, place: tuple[str, int]) -> None:
+        self._open[place] += 1
+
+    def _seen(self, place: tuple[str, int], accepting: bool, asked: None, value: object) -> object:
+        self._open[place] -= 1
+        if bool(value) is not accepting:
+            self._rejected.add(place)
+        return value
+
+    def failed(self) -> set[tuple[str, int]]:
+        """File and place of the checks that have not passed since this was asked last."""
+        failed = self._rejected | {place for place, times in self._open.items() if times}
+        self._open.clear()
+        self._rejected.clear()
+        return failed
+
+
+@cache
+def _compiled(file: str) -> CodeType:
+    return compile(SOURCES[file], file, "exec")
+
+
+def _examiner(package: str, changed: dict[str, CodeType], **names: object) -> ModuleType:
+    """The module that examines, in a package of this name with some files changed and some names in each."""
     modules = {"": ModuleType(package)}
     modules[""].__path__, sys.modules[package] = [], modules[""]
     for file in FILES:
         name = f"{package}.{file}"
         modules[file] = sys.modules[name] = ModuleType(name)  # where dataclasses and relative imports look them up
-        modules[file].__dict__.update(__package__=package, __file__=str(FOLDER / f"{file}.py"))
-        code = compile(ast.fix_missing_locations(trees[file]), name, "exec")
-        exec(code, modules[file].__dict__)  # noqa: S102 - our own source
+        modules[file].__dict__.update(__package__=package, __file__=str(FOLDER / f"{file}.py"), **names)
+        exec(changed.get(file) or _compiled(file), modules[file].__dict__)  # noqa: S102 - our own source
         setattr(modules[""], file, modules[file])
     return modules["examine"]
 
 
-def _conditions(tree: ast.Module) -> Iterator[tuple[ast.expr, object]]:
+def _conditions(tree: ast.Module) -> Iterator[Condition]:
     for node in ast.walk(tree):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "need":
-            yield node.args[0], _setter(node.args, 0, True)
+            yield node.args[0], True, partial(setitem, node.args, 0)
             yield from _parts(node.args[0])
         elif isinstance(node, ast.If) and _returns_false(node.body):
-            yield node.test, _setter(node, "test", False)
+            yield node.test, False, partial(setattr, node, "test")
         elif isinstance(node, ast.Return) and isinstance(node.value, ast.BoolOp):
             yield from _parts(node.value)
 
 
-def _parts(condition: ast.expr) -> Iterator[tuple[ast.expr, object]]:
+def _parts(condition: ast.expr) -> Iterator[Condition]:
     if isinstance(condition, ast.BoolOp) and isinstance(condition.op, ast.And):
         for k, part in enumerate(condition.values):
-            yield part, _setter(condition.values, k, True)
+            yield part, True, partial(setitem, condition.values, k)
             yield from _parts(part)
     elif isinstance(condition, ast.BoolOp):
         for part in condition.values:
@@ -97,13 +145,3 @@ def _parts(condition: ast.expr) -> Iterator[tuple[ast.expr, object]]:
 def _returns_false(body: list[ast.stmt]) -> bool:
     only = body[0] if len(body) == 1 else None
     return isinstance(only, ast.Return) and isinstance(only.value, ast.Constant) and only.value.value is False
-
-
-def _setter(holder: object, place: object, value: bool) -> object:
-    def replace() -> None:
-        if isinstance(holder, list):
-            holder[place] = ast.Constant(value)
-        else:
-            setattr(holder, str(place), ast.Constant(value))
-
-    return replace

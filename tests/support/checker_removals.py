@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 from accuracy_cases import accuracy_cases
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, cases
-from checker_mutants import FILES, Removal, removals, without
+from checker_mutants import FILES, Removal, Watched, removals, without
 from cycles_cases import cycles_cases
 from groups_cases import groups_cases
 from margins_cases import margins_cases
@@ -52,17 +55,30 @@ def outcome(examine: object, refused: type[Exception], case: Case) -> int | str:
     return HOLDS if all(holds for holds, _ in findings) else FAILS
 
 
+@cache
+def _watched() -> Watched:
+    return Watched()
+
+
+@cache
+def _failing(cases: Callable[[], list[Case]]) -> dict[tuple[str, int], list[Case]]:
+    """For each check the cases in which it does not pass: no other case can notice that it is gone."""
+    found: dict[tuple[str, int], list[Case]] = {}
+    for case in cases():
+        outcome(_watched().module.examine, _watched().module.Refused, case)
+        for place in _watched().failed():
+            found.setdefault(place, []).append(case)
+    return found
+
+
 def noticed_by(removal: Removal) -> str | None:
     """The first case that comes out differently: accepted, with another exit code, or with a traceback."""
     module = without(removal)
     first = FIRST.get(removal.file, cases)
-    for case in (
-        case
-        for each in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases, *MORE))
-        for case in each()
-    ):
-        if outcome(module.examine, module.Refused, case) != case.code:
-            return case.name
+    for some in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases, *MORE)):
+        for case in _failing(some).get((removal.file, removal.place), []):
+            if outcome(module.examine, module.Refused, case) != case.code:
+                return case.name
     return None
 
 

@@ -32,9 +32,9 @@ from dobc_design.verdict import Verdict
 
 def test_the_reduction_agrees_with_the_whole_matrix():
     """Psi < 0 <=> Lambda + I (x) S < 0, given Omega0 < 0 (theory, section 2); feasible, infeasible, near the edge."""
-    tally = reduction_campaign(range(8))
+    tally = reduction_campaign(range(5))
     assert tally.wrong == []
-    assert min(tally.counts["negative"], tally.counts["not negative"]) >= 3
+    assert min(tally.counts["negative"], tally.counts["not negative"]) >= 2
 
 
 @pytest.mark.slow
@@ -79,7 +79,7 @@ def test_lemma_1_margins_are_true_and_nearly_the_largest_possible():
 def test_theorem_margins_and_rates_are_true_and_fail_a_little_higher():
     """Psi < 0 with margin and rate as written (oracle: the whole matrix); 1.001 times the true value fails."""
     count = 0
-    for problem, oracle in proved_problems(range(75)):
+    for problem, oracle in proved_problems(range(45)):
         certificate = certify(problem)
         if problem.exosystem is None or certificate.claims.P is None:
             continue
@@ -100,7 +100,7 @@ def test_theorem_margins_and_rates_are_true_and_fail_a_little_higher():
             assert not holds(Fraction(0), fastest * Fraction(1001, 1000))
             assert margin >= most * Fraction(99, 100)
             assert rate >= fastest * Fraction(99, 100)
-    assert count >= 10
+    assert count >= 5
 
 
 def edge(holds, low):
@@ -131,12 +131,15 @@ def test_a_margin_and_a_rate_a_little_above_the_truth_are_not_confirmed():
 
 @pytest.mark.parametrize("k", ["1e-9", "1e-300", "1e-323", "1.5e-323", "1e-380"])
 def test_tiny_margins_are_proved_and_numbers_below_the_floats_are_claimed_as_less(k):
-    """lambda_max = -2 k < 0, however small; with k = 0 it is refuted."""
+    """lambda_max = -2 k < 0, however small."""
     problem = path(1, k)
     certificate = certify(problem)
     assert certificate.verdict is Verdict.PROVED
     assert 0 <= Fraction(repr(certificate.check("lemma1").margin)) <= 2 * Fraction(k)
     assert recheck(certificate.claims, problem).holds
+
+
+def test_a_margin_of_zero_is_refuted():
     assert certify(path(1, 0)).check("lemma1").verdict is Verdict.REFUTED
 
 

@@ -145,7 +145,7 @@ def test_couplings_of_vectors_are_decided_too():
 def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(m: int):
     """Weights, exceptions, matrix gains, offsets; SciPy finds the roots and says how far they are from zero."""
     proved = 0
-    for seed in range(10):
+    for seed in range(6):
         problem, r = random_folded(seed, m=m), Random(f"roots {seed}")
         for _ in range(4):
             start = [r.uniform(-6, 6) for _ in range(problem.n * m)]
@@ -160,7 +160,7 @@ def test_what_floating_point_finds_in_random_problems_is_proved_and_is_a_root(m:
             polished, *_ = fsolve(lambda e, p=problem: field(p, "G", e), middle, xtol=1e-12, full_output=True)
             sides = zip(claim.box, polished.tolist(), strict=True)
             assert all(side.lo - F(1, 10**11) <= F(e) <= side.hi + F(1, 10**11) for side, e in sides)
-    assert proved >= 3
+    assert proved >= 2
 
 
 @pytest.mark.parametrize("m", [1, 2])

@@ -92,8 +92,8 @@ def test_a_gain_that_does_not_work_gets_no_pair_that_does(harmonic):
     assert list(propose_pairs(harmonic, zero, bound=-0.5, decay=0.0)) == []
 
 
-@pytest.mark.parametrize("pins", [{1: "1/1000000"}, {1: 1}, {1: 10**6}])
-@pytest.mark.parametrize("factor", ["1/10000", "1", "10000"])
+@pytest.mark.parametrize("pins", [{1: "1/1000000"}, {1: 10**6}])
+@pytest.mark.parametrize("factor", ["1/10000", "10000"])
 def test_wherever_lambda_is_negative_the_theorem_is_proved(cycle, pins, factor):
     """The Decision theorem, for margins of Lambda from 1e-7 up and exosystems scaled from 1e-4 to 1e4."""
     exosystem = Exosystem(A=[[0, Fraction(factor)], [-Fraction(factor), 0]], C=[[factor, 0]])

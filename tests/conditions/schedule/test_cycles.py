@@ -12,7 +12,7 @@ import pytest
 from checker_cases import accepted_by
 
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
+from dobc_design.certification.certify import certify, certify_settling
 from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.schedule.checks import read_claim
 from dobc_design.conditions.schedule.cycles import (
@@ -49,8 +49,8 @@ def chain(**turns: Any) -> Problem:
     return problem({"A": [[3, 2]], "B": [[2, 1]]}, **turns)
 
 
-def ring(gains: Any, **more: Any) -> Problem:
-    turns = Switching(guarantee="sequence", sequence=["odd", "even"], dwell=1)
+def ring(gains: Any, dwell: Any = 1, **more: Any) -> Problem:
+    turns = Switching(guarantee="sequence", sequence=["odd", "even"], dwell=dwell)
     network = Network.from_arcs(HALVES, arrow="listens_to", agents=10)
     return Problem(network=network, coupling=PAPER, gains=gains, switching=turns, **more)
 
@@ -263,6 +263,22 @@ def test_half_a_ring_at_a_time_near_the_target():
     check = schedule_of(certify(ring({1: 5, 6: 5})))
     assert check.verdict is Verdict.PROVED, check.reason
     assert float(check.rate) >= 0.9 * 0.4818
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pins", "dwell", "rounds"), [((1, 6), HALF, 16), ((1, 6), ONE, 8), ((1,), ONE, 15)])
+def test_half_a_ring_at_a_time_settles_nearly_as_soon_as_its_slowest_run(pins, dwell, rounds):
+    """Known answers: from 4 to 0.04 after so many rounds.  Runs of rising couplings lie between those from corners."""
+    own = ring(dict.fromkeys(pins, 5), dwell)
+    settling = certify_settling(own, tolerance="1/25", radius=4)
+    assert settling.verdict is Verdict.PROVED
+    assert "for the signal odd" in settling.reason
+    assert settling.time <= 2 * dwell * (rounds + 1)
+    for sign in (-4, 4):
+        run = simulate(own, start=[[sign]] * 10, t_final=settling.time, samples=2000)
+        largest = np.abs(run.x[:, :, 0]).max(axis=1)
+        assert np.all(largest <= settling.envelope(run.time) * (1 + 1e-6))
+        assert run.time[np.flatnonzero(largest > 0.04)[-1]] <= settling.time
 
 
 def test_starts_are_those_of_phases_that_may_be_first():

@@ -176,7 +176,7 @@ def test_example_1_holds_a_settling_time_that_the_lone_checker_decides():
 
 @pytest.mark.slow
 def test_example_1_settles_hardly_later_than_its_slowest_run(fixed):
-    """Known answer: 19.98 s; the slowest simulated run takes 18.9 s, one rate for the box 43.7 s."""
+    """Found: 19.81 s; the slowest simulated run takes 18.9 s, one rate for the box 43.7 s."""
     assert fixed.verdict is Verdict.PROVED
     assert (fixed.radius, fixed.disturbance, fixed.tolerance) == (4, F(1, 2), F(1, 1000))
     assert 18.9 < fixed.time <= 20.5
@@ -208,12 +208,12 @@ def test_no_run_of_example_1_crosses_the_envelope(fixed):
 
 @pytest.mark.slow
 def test_example_2_settles_three_times_sooner_than_one_rate_says_and_no_run_crosses_the_envelope():
-    """Known answer: 83.27 s for arbitrary switching among the four modes; the runs switch as the problem says."""
+    """Found: 83.5 s for arbitrary switching among the four modes; the runs switch as the problem says."""
     settling = dd.certify_settling("paper-switching")
     assert settling.verdict is Verdict.PROVED
     assert settling.time <= 84
     assert settling.single_time / settling.time >= 3
-    assert settling.claim.is_quadratic
+    assert settling.claim.kind == "quadratic"
     found = compare(dd.load_problem("paper-switching"), settling, runs=10)  # more in the evidence
     assert not found.crossings
     assert found.settled <= settling.time

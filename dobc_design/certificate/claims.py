@@ -17,6 +17,7 @@ from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.consensus import claim as consensus
 from dobc_design.conditions.equilibrium import claim as equilibrium
+from dobc_design.conditions.graphs import claim as graphs
 from dobc_design.conditions.margins import claim as margins
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
@@ -68,6 +69,7 @@ READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]
     "schedule": schedule.read_claim,
     "equilibrium": equilibrium.read_claim,
     "accuracy": accuracy.read_claim,
+    "graphs": graphs.read_claim,
 }
 
 

@@ -30,6 +30,8 @@ from dobc_design.conditions.consensus.decide import Proposal
 from dobc_design.conditions.consensus.network import reachability_check
 from dobc_design.conditions.consensus.propose import Top, decay_rate
 from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_region
+from dobc_design.conditions.graphs.decide import generator_of
+from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
 from dobc_design.conditions.linearisation.stage import linearisation_stage
 from dobc_design.conditions.margins.stage import is_asked, margins_stage
 from dobc_design.conditions.numbers import is_writable
@@ -61,6 +63,7 @@ STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (
     quadratic_stage,
     exhaustive_stage,
     schedule_stage,
+    markov_stage,
 )
 
 
@@ -102,12 +105,14 @@ def certify(
         findings = Findings(statements=found.statements, directions=found.directions, P=P)
         checks, W, pair, domain = found.checks, found.W, found.pair, found.statements.domain
         regions = partial(region_checks, problem, W, domain=domain, everything=everything, report=report)
-        own = tuple(regions(checks)) if phases_of(problem) else ()  # a guarantee may need no cure of single modes
+        guaranteed = problem.switching is not None and problem.switching.guarantee not in (None, "arbitrary")
+        own = tuple(regions(checks)) if guaranteed else ()  # it may need no cure of single modes
         if out_of_time() is None and not any(covers(problem, check, own) for check in own):
             checks = with_cures(
                 problem, checks, findings, progress=report, decide=lambda x: decide(x, lambda stage: None).checks
             )
-        checks += own if phases_of(problem) else tuple(regions(checks))
+        checks += own if guaranteed else tuple(regions(checks))
+        checks += tuple(safety_stage(read_region(problem, W, domain=domain, everything=everything), report))
         if tolerance is not None or (everything and problem.region is not None):
             checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
         checks += tuple(accuracy_stage(problem, W, checks, domain=domain, report=report))
@@ -189,7 +194,7 @@ def region_checks(
             return (
                 found
                 if any(covers(problem, check, found) for check in found)
-                else found + schedule_stage(asked, report)
+                else found + schedule_stage(asked, report) + markov_stage(asked, report)
             )
         known = known or domain != "global"
     asked = read_region(problem, W, domain=domain, everything=everything)
@@ -407,7 +412,7 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
         (own.W is not None and own.rate is not None, "observer.rate is not used, because W was given."),
         (problem.region is None and not linear, f"No region was asked for: {local}"),
         (
-            len(problem.network.modes) > 1 and not phases_of(problem),
+            len(problem.network.modes) > 1 and not phases_of(problem) and generator_of(problem) is None,
             "The modes may switch in any way, so one V has to serve them all.",
         ),
         (linear, "Every coupling is exactly linear: what holds near the target holds everywhere."),

@@ -12,9 +12,10 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
+from dobc_design.conditions.graphs.claim import signals_in_words
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
-from dobc_design.conditions.schedule.cycles import cycles_of, guarantee_in_words, lasting_modes, phases_of
+from dobc_design.conditions.schedule.cycles import cycles_of, may_stay, phases_of
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.problem.arrays import unreached
@@ -42,11 +43,27 @@ def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) 
     covering = [check for check in checks if covers(problem, check, checks)]
     if covering:
         best = max(covering, key=lambda check: check.rate or 0.0)
-        return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=_proved_reason(problem, best))
+        reason = _proved_reason(problem, best) + _moving_words(problem, checks, best)
+        return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=reason)
     refuted = _apart_reason(problem) or _refuted_reason(problem, checks, W)
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, reason=refuted)
-    return Overall(verdict=Verdict.UNDECIDED, reason=_undecided_reason(problem, checks))
+    reason = _undecided_reason(problem, checks) + _moving_words(problem, checks, None)
+    return Overall(verdict=Verdict.UNDECIDED, reason=reason)
+
+
+def _moving_words(problem: Problem, checks: Sequence[Check], best: Check | None) -> str:
+    """What is proved of graphs that move, beside the proof that carries the verdict."""
+    own, words = problem.switching, ""
+    if own is None or own.signal != "mobile":
+        return words
+    if best is not None and best.id != "safety":
+        words = " This is about the graphs of the declared modes"
+        if best.id == "max-separable":
+            words += " and every mix of their neighbour sets: each agent may take its neighbours from any mode"
+        words += ". Graphs that the modes do not list are not covered."
+    safe = [check for check in checks if check.id == "safety" and check.verdict is Verdict.PROVED and check is not best]
+    return words + "".join(f" {check.reason[:1].upper()}{check.reason[1:]}" for check in safe)
 
 
 def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> str | None:
@@ -61,7 +78,7 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
             return told + " agents. Choose another W, or leave W out to have one designed."
     refuting = [check for check in checks if check.verdict is Verdict.REFUTED]
     for check in refuting if region is None or _target_is_interior(problem) else ():
-        stays = check.mode is None or check.mode in lasting_modes(problem)
+        stays = may_stay(problem, check.mode or next(iter(problem.network.modes)))
         if isinstance(check.claim, Unstable) and check.claim.roots and stays:
             where = "" if check.mode is None else f"in mode {check.mode} "
             text = f"Consensus fails: {where}the linearisation at the target is unstable"
@@ -127,9 +144,7 @@ def _target_is_interior(problem: Problem) -> bool:
 
 
 def _proved_reason(problem: Problem, check: Check) -> str:
-    switching = " under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
-    if check.id == "schedule":
-        switching = f" for {guarantee_in_words(problem)}"
+    switching = f" {signals_in_words(problem, check)}".rstrip()
     pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s" if check.rate else ""
     elsewhere = " in the region" if problem.region is not None else f" with {_domain_in_words(check)}"
     which = {"global": "", "consensus": " close enough to it"}.get(str(check.domain), elsewhere)
@@ -168,7 +183,8 @@ def _domain_in_words(check: Check) -> str:
 
 def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
     unmet = [check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED]
-    if unmet and len(problem.network.modes) > 1:
+    somewhere = any(check.kind.role == "region" and check.verdict is Verdict.PROVED for check in checks)
+    if unmet and len(problem.network.modes) > 1 and not somewhere:
         text = f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
         return text + " Consensus may still hold for signals that leave that mode often enough."
     reached = None if problem.region is None else _reached(problem, checks)

@@ -20,6 +20,7 @@ from dobc_design.conditions.check import Check, same_witness, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
 from dobc_design.conditions.equilibrium import decide as equilibrium
+from dobc_design.conditions.graphs import decide as graphs
 from dobc_design.conditions.linearisation import decide as linearisation
 from dobc_design.conditions.margins import decide as margins
 from dobc_design.conditions.numbers import MATRIX_BITS, doubles_from_json, is_short
@@ -44,6 +45,7 @@ REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
     "schedule": schedule.confirm,
     "equilibrium": equilibrium.confirm,
     "accuracy": accuracy.confirm,
+    "graphs": graphs.confirm,
 }
 #: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in its findings.
 PROMPT_ARCS: Final = 2000

@@ -1,12 +1,14 @@
 """schedule: weights that move from mode to mode, for signals that keep the guarantee of the problem; or the graphs
 alone, where couplings rise."""
 
+from collections.abc import Iterable
 from fractions import Fraction
 from functools import partial
 from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
-from .files import Certificate, Problem
+from .expressions import Coupling
+from .files import Certificate, Problem, reach
 from .intervals import by_decimal, enclosed
 from .matrices import ZERO
 from .moving import HALVINGS, LONGEST, TIMES, Box, Face, shown
@@ -14,6 +16,8 @@ from .reading import maybe, need, rational, read, weights
 from .separable import Curve, composite, starts
 
 PHASES = 40
+ONE = Fraction(1)
+NEAR = 2.0**-60
 
 
 class Phase(NamedTuple):
@@ -69,15 +73,8 @@ def schedule(case: Certificate, check: Any) -> None:
     need((check.rate is None) == (exact.rate is None), "it claims a rate that it does not have, or has one")
     need(check.rate is None or 0 < check.rate <= exact.rate, "the rate is not between 0 and that of the claim")
     keeps(case, exact)
-    if exact.rho is None:
-        need(check.domain == "global", "it has no rho and is not global")
-        return
-    starts(case, check.domain, "box")
     turns = zip(phases(case.problem), exact.phases, strict=False)
-    firsts = [x for turn, each in turns if turn.first for x in each.v[0]]
-    left = exact.rho - check.domain.radius / min(firsts, default=Fraction(1))
-    noise = (exact.kappa * check.domain.disturbance) ** 2 * exact.size if case.problem.q else ZERO
-    need(left >= 0 and noise <= left**2, "the box leaves the region")
+    inside(case, check, exact, min([x for turn, each in turns if turn.first for x in each.v[0]], default=ONE))
 
 
 def read_cycles(case: Certificate, value: Any) -> Any:
@@ -95,14 +92,12 @@ def read_cycles(case: Certificate, value: Any) -> Any:
 def keeps(case: Certificate, exact: Any) -> None:
     """V = N + kappa E never rises and, with weights, falls at the rate over each phase."""
     p, turns = case.problem, phases(case.problem)
-    composite(case, exact)
-    least = min([x for each in exact.phases for v in each.v for x in v], default=Fraction(1))
-    room = (exact.beta - (exact.rate or ZERO)) * exact.kappa * least if p.q else 1
-    need(room >= 1 and (p.q == 0 or exact.kappa > 0), "kappa is too small")
-    need(exact.rho is not None or p.domain == "global", "it has no rho, and the couplings are not all linear")
+    decays(case, exact, exact.rate or ZERO, min([x for each in exact.phases for v in each.v for x in v], default=ONE))
     if exact.rate is None:
         need(not exact.phases, "it has weights and no rate")
-        by_graphs(p, turns, exact.rho)
+        rises(p, {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}, exact.rho)
+        for cycle in cycles(turns):
+            reached(p, cycle)
         return
 
     need(len(exact.phases) == len(turns), "there are not weights for every phase")
@@ -113,6 +108,25 @@ def keeps(case: Certificate, exact: Any) -> None:
         need(turn.longest in (None, each.times[-1]), "the times do not end with the longest one")
         handed(turn, each, [exact.phases[k].v[0] for k in turn.following], exact.rate)
         falls(p, turn, each, exact)
+
+
+def decays(case: Certificate, claim: Any, rate: Fraction, least: Fraction = ONE) -> None:
+    """The part of the estimation error in V = N + kappa E, with weights of at least ``least``, allows the rate."""
+    p = case.problem
+    composite(case, claim)
+    need(p.q == 0 or (claim.kappa > 0 and claim.kappa * (claim.beta - rate) * least >= 1), "kappa is too small")
+    need(claim.rho is not None or p.domain == "global", "it has no rho, and the couplings are not all linear")
+
+
+def inside(case: Certificate, check: Any, claim: Any, first: Fraction = ONE) -> None:
+    """V is at most rho at every start, with weights of at least ``first``."""
+    if claim.rho is None:
+        need(check.domain == "global", "it has no rho and is not global")
+        return
+    starts(case, check.domain, "box")
+    left = claim.rho - check.domain.radius / first
+    noise = (claim.kappa * check.domain.disturbance) ** 2 * claim.size if case.problem.q else ZERO
+    need(left >= 0 and noise <= left**2, "the box leaves the region")
 
 
 def handed(turn: Phase, each: Any, nexts: list[Box], rate: Fraction) -> None:
@@ -129,9 +143,9 @@ def handed(turn: Phase, each: Any, nexts: list[Box], rate: Fraction) -> None:
 def falls(p: Problem, turn: Phase, each: Any, exact: Any) -> None:
     """The rows of a phase; where it has no end, at rest at the rate as well."""
     rho, heard = exact.rho or Fraction(1), p.heard[turn.mode]
-    reach = enclosed(2 * rho * max(x for v in each.v for x in v))[1]
+    width = enclosed(2 * rho * max(x for v in each.v for x in v))[1]
     couplings = {arc.coupling for arcs in heard for arc in arcs}
-    curves = {(h, mirrored): Curve(h, mirrored, -reach, reach) for h in couplings for mirrored in (False, True)}
+    curves = {(h, mirrored): Curve(h, mirrored, -width, width) for h in couplings for mirrored in (False, True)}
     parts = []
     for (a, b), (v, w) in zip(pairwise(each.times), pairwise(each.v), strict=True):
         parts.append(Face((v, w), (v, w), [(y - x) / (b - a) for x, y in zip(v, w, strict=True)]))
@@ -152,12 +166,6 @@ def cycles(turns: list[Phase]) -> list[tuple[str, ...]]:
     return [*alone, *(combinations(every, 2) if len(turns) > 1 and all(turn.first for turn in turns) else [every])]
 
 
-def lasting(p: Problem) -> list[str]:
-    """The modes that may stay on for ever."""
-    guaranteed = len(p.modes) > 1 and (p.switching or {}).get("guarantee") in ("dwell", "sequence")
-    return [turn.mode for turn in phases(p) if turn.longest is None] if guaranteed else list(p.modes)
-
-
 def allowed(p: Problem) -> list[tuple[str, ...]]:
     """All modes, and the cycles that a guarantee allows of at most PHASES phases."""
     guaranteed = len(p.modes) > 1 and (p.switching or {}).get("guarantee") in ("dwell", "sequence")
@@ -165,19 +173,19 @@ def allowed(p: Problem) -> list[tuple[str, ...]]:
     return [tuple(p.modes), *(cycles(turns) if 0 < len(turns) <= PHASES else [])]
 
 
-def by_graphs(p: Problem, turns: list[Phase], rho: Fraction | None) -> None:
-    """Couplings rise on |y| <= 2 rho, strictly at 0, no gain pushes outward, and every cycle reaches every agent."""
-    reach = enclosed(2 * (rho or ZERO))[1]
+def rises(p: Problem, couplings: Iterable[Coupling], rho: Fraction | None, strictly: bool = True) -> None:
+    """Couplings rise on |y| <= 2 rho, ``strictly`` at 0, and no gain pushes outward."""
+    width = enclosed(2 * (rho or ZERO))[1]
     need(all(p.least_gain(i) >= 0 for i in range(p.n)), "a gain pushes outward")
-    for h in {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}:
-        need(min(h.slope(0, 0)) > 0, "a coupling does not rise at the target")
-        need(h.straight or all(cell.way == 1 for cell in Curve(h, False, -reach, reach).table), "a coupling may fall")
-    for cycle in cycles(turns):
-        reached = {i for i in range(p.n) if p.least_gain(i) > 0}
-        while True:
-            heard = ((i, arc.j) for mode in cycle for i, arcs in enumerate(p.heard[mode]) for arc in arcs)
-            more = {i for i, j in heard if j in reached} - reached
-            if not more:
-                break
-            reached |= more
-        need(len(reached) == p.n, f"modes {', '.join(cycle)} do not reach every agent")
+    for h in couplings:
+        curve = Curve(h, False, -width, width)
+        slope = curve.at((-NEAR, NEAR))[1] if h.kinked else h.slope(0, 0)  # a kink has its slopes on both sides
+        flat = not strictly and (slope[0] >= 0 or not h.straight)
+        need(slope[0] > 0 or flat, "a coupling does not rise at the target")
+        need(h.straight or all(cell.way == 1 for cell in curve.table), "a coupling may fall")
+
+
+def reached(p: Problem, modes: Iterable[str]) -> None:
+    """Along the arcs of these modes together every agent is reached from one that its gain holds."""
+    pinned = [i for i in range(p.n) if p.least_gain(i) > 0]
+    need(len(reach(pinned, p.edges(modes, False))) == p.n, f"modes {', '.join(modes)} do not reach every agent")

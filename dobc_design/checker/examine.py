@@ -7,8 +7,9 @@ from typing import Any
 
 from .accuracy import accuracy
 from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
-from .cycles import allowed, lasting, schedule
+from .cycles import allowed, schedule
 from .files import Certificate, Problem
+from .graphs import markov, may_stay, safety
 from .margins import actuators, tolerance
 from .matrices import product, stable
 from .quadratic import exhaustive, lure
@@ -30,6 +31,8 @@ REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
     "lure": lure,
     "exhaustive": exhaustive,
     "schedule": schedule,
+    "markov": markov,
+    "safety": safety,
     "settling": settling,
     "accuracy": accuracy,
 }
@@ -98,16 +101,16 @@ def regional(case: Certificate, check: Any) -> None:
     p = case.problem
     need(check.margin is None, "it has no margin to claim")
     need(p.q == 0 or case.W is not None, "there is no observer gain")
-    if check.id not in ("lure", "equilibrium"):
+    if check.id not in ("lure", "equilibrium", "markov"):
         need(all(coupling.single for coupling in p.couplings), "a coupling is a list")
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
     else:
         need(check.domain == p.domain, "the domain is wrong")
         need(check.rate is None, "it is refuted and claims a rate")
-        need(check.id in ("max-separable", "equilibrium"), "it cannot be refuted")
+        need(check.id in ("max-separable", "equilibrium", "markov"), "it cannot be refuted")
     REGIONAL[check.id](case, check)
-    need(check.id != "equilibrium" or check.exact["mode"] in lasting(p), "the guarantee does not let that mode stay on")
+    need(check.id != "equilibrium" or may_stay(p, check.exact["mode"]), "the guarantee does not let that mode stay on")
 
 
 # --- the overall verdict, once all checks are confirmed
@@ -130,13 +133,15 @@ def covers(case: Certificate, check: Any) -> bool:
     local = (case.theorem, case.theorem + "-printed") if p.q else ("lemma1",)
     if check.id in (*local, case.theorem + "-weighted", "linearisation"):
         return p.region is None or p.domain == "global"
-    if check.id not in ("max-separable", "lure", "exhaustive", "schedule"):
+    safe = check.id == "safety" and check.rate is not None
+    if not safe and check.id not in ("max-separable", "lure", "exhaustive", "schedule", "markov"):
         return False
     if type(domain) is str:
         return bool(domain == "global")
     if p.region is None:  # a box around the target answers the local question of several modes
         near = domain.radius > 0 and (not p.q or domain.disturbance > 0)
-        return bool(check.id in ("max-separable", "schedule") and len(p.modes) > 1 and near)
+        box = check.id in ("max-separable", "schedule", "markov") and len(p.modes) > 1
+        return bool((safe or box) and near)
     sides = enumerate(p.region.initial_states)
     farthest = [max(abs(end - goal[c]) for goal in p.goals for end in side) for c, side in sides]
     square = max(farthest) ** 2 if domain.kind == "box" else p.n * sum(side**2 for side in farthest)
@@ -158,6 +163,6 @@ def refuted(case: Certificate) -> bool:
         return True
     sides = [] if p.region is None else p.region.initial_states
     inside = (lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
-    staying = [check for check in found if check.mode in (None, *lasting(p))]
-    rooted = (check.exact for check in staying if check.id in ("lemma1", "linearisation"))
+    unstable = (check for check in found if check.id in ("lemma1", "linearisation"))
+    rooted = (check.exact for check in unstable if may_stay(p, check.mode or next(iter(p.modes))))
     return all(inside) and any(rational(exact["unstable_roots"]) > 0 for exact in rooted)

@@ -19,7 +19,8 @@ from dobc_design.verdict import Verdict
 
 def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
     """Whether this check proves what the problem asks."""
-    if check.verdict is not Verdict.PROVED or not check.kind.is_consensus:
+    safe = check.kind.role == "safety" and check.rate is not None  # without a rate it is no proof of consensus
+    if check.verdict is not Verdict.PROVED or not (check.kind.is_consensus or safe):
         return False
     if check.id == "lemma1":
         if problem.groups:
@@ -33,7 +34,7 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
         if check is not min(lemmas, key=lambda other: other.rate or 0.0):
             return False
     if problem.region is None:  # others are about some starts, and the question is about the consensus itself
-        return check.kind.role != "region" or check.domain == "global" or _is_near(problem, check)
+        return check.kind.role not in ("region", "safety") or check.domain == "global" or _is_near(problem, check)
     region, domain = problem.region, check.domain
     if isinstance(domain, str):
         return domain == "global"
@@ -52,8 +53,9 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
 
 def _is_near(problem: Problem, check: Check) -> bool:
     """Whether a box around the target is proved: under switching that answers the local question, too."""
-    box = check.domain if check.id in ("max-separable", "schedule") and isinstance(check.domain, Mapping) else {}
-    several = len(problem.network.modes) > 1
+    known = ("max-separable", "schedule", "markov", "safety")
+    box = check.domain if check.id in known and isinstance(check.domain, Mapping) else {}
+    several = len(problem.network.modes) > 1 or check.id == "safety"
     return several and box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
 
 

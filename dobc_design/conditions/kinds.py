@@ -14,8 +14,8 @@ from dobc_design._show.cards import Card, Shown
 #: What a proof is worth.  "part": a fact of the network or of the exosystem alone, the same for every coupling.
 #: "paper": Lemma 1 and the theorems.  "given": a theorem with the P of the problem file.  "region": for a set of
 #: starts.  "timing": carries a region over to late or held messages.  "rest": refutes a region.  "settling": a time.
-#: "plant": what the model leaves out, bounded.
-Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling", "plant"]
+#: "plant": what the model leaves out, bounded.  "safety": a set that is not left, and with a rate for a set of starts.
+Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling", "plant", "safety"]
 
 #: By topic: the modules that decide a check, and the file of the second program.
 _DECIDED_IN: Final = {
@@ -30,6 +30,7 @@ _DECIDED_IN: Final = {
     "equilibrium": ("conditions/equilibrium/decide.py",),
     "schedule": ("conditions/schedule/decide.py", "conditions/schedule/cycles.py", "conditions/schedule/rows.py"),
     "accuracy": ("conditions/accuracy/decide.py", "exact/peaks.py"),
+    "graphs": ("conditions/graphs/decide.py", "conditions/schedule/cycles.py"),
 }
 #: The file of the second program for an id or a topic, where it is not one of the same name.
 _CHECKERS: Final = {
@@ -364,6 +365,38 @@ _ROWS: Final = (
         " graphs alone: couplings rise, and every cycle of modes reaches every agent.",
         refuted="Never: that no weights are found does not mean that there are none.",
         source="Theory, Schedules.",
+    ),
+    Kind(
+        id="markov",
+        topic="graphs",
+        role="region",
+        name="Markov signal",
+        decides="whether the Markov chain of [switching] leads to the target almost surely, in the mean or in mean"
+        " square, though not every signal may",
+        title="A Markov chain that draws the modes",
+        statement=r"A_p^T w_p + \textstyle\sum_q g_{pq} w_q \le -r w_p \quad\text{or}\quad A_p^T P_p + P_p A_p +"
+        r" \textstyle\sum_q g_{pq} P_q + 2 r P_p < 0",
+        plain="in the mean: A_p' w_p + sum_q g_pq w_q <= -r w_p; in mean square: A_p' P_p + P_p A_p + sum_q g_pq P_q"
+        " + 2 r P_p < 0; almost surely: couplings rise, and modes that the chain never leaves reach every agent",
+        proved="From every start of the domain and every first mode all errors decay in the sense it names, for the"
+        " Markov chain of [switching]; a rate is that of E|e|, or of the root of E|e|^2.",
+        refuted="The chain has modes that it never leaves, in which no pinned agent reaches the agents named.",
+        source="Beyond the paper; theory, Switching beyond a common V, and Schedules.",
+    ),
+    Kind(
+        id="safety",
+        topic="graphs",
+        role="safety",
+        name="Safety for every graph",
+        decides="whether the box of starts is never left, whatever graph the agents have while they move",
+        title="No agent leaves the box, whatever the graph",
+        statement=r"h_{ij} \text{ nondecreasing on } |y| \le 2\rho,\ k_i \ge 0 \;\Rightarrow\; V = \max_i |e_i| +"
+        r" \kappa E \text{ never grows while } V \le \rho",
+        plain="couplings rise on |y| <= 2 rho and gains are >= 0: V = max |e_i| + kappa E never grows while V <= rho",
+        proved="For every graph with couplings and arcs of any weights, every switching and every motion, no error"
+        " leaves the box; with a rate, which needs a pin on every agent, all agents reach the target.",
+        refuted="Never: that it is not shown does not mean that the box is left.",
+        source="Theory, Schedules: what v = 1 says.",
     ),
     Kind(
         id="settling",

@@ -23,7 +23,7 @@ from dobc_design.conditions.coverage import Progress
 from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
 from dobc_design.conditions.equilibrium.decide import enclose_equilibrium, refuting_check
 from dobc_design.conditions.observer.propose import observer_gain
-from dobc_design.conditions.schedule.cycles import lasting_modes
+from dobc_design.conditions.schedule.cycles import may_stay
 from dobc_design.errors import wrong
 from dobc_design.falsification import starts as sets
 from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Certified, Level, Pair, Runs, Signals, StartSet
@@ -182,7 +182,7 @@ class _Search:
             for run, mode in zip(worst.tolist(), modes.tolist(), strict=True)
         ]
         e, eps = np.stack([e for e, _ in found], axis=1), np.stack([eps for _, eps in found], axis=2)
-        if len(lasting_modes(self.problem)) < len(self.arena.modes):
+        if not all(may_stay(self.problem, mode) for mode in self.arena.modes):
             rng = np.random.default_rng(self.seed)
             return self.simulate(e, eps, sets.drawn_signals(rng, count, self.problem, self.horizon))
         return self.simulate(e, eps, sets.constant_signals(modes))
@@ -392,9 +392,8 @@ def _nearest(problem: Problem, seed: int) -> Equilibrium | None:
     length = sum(len(text) for coupling in problem.couplings for text in coupling.texts)
     most = max(1, min(ROUGH_STEPS, ROUGH_WORK // length))
     horizon, rng, found = sets.settling_horizon(problem), np.random.default_rng(seed), list[Equilibrium]()
-    lasting = lasting_modes(problem)
     for number, mode in enumerate(arena.modes):
-        if mode not in lasting or unreached(problem, [problem.network.modes[mode]]):
+        if not may_stay(problem, mode) or unreached(problem, [problem.network.modes[mode]]):
             continue  # what rests in such a mode is moved by others: no refutation by the contract
         e = np.concatenate([box.draw(rng, count, kind)[0] for kind in (sets.CORNERS, sets.RANDOM)], axis=1)
         none, constant = np.zeros((problem.n, problem.q, 2 * count)), sets.constant_signals(np.full(2 * count, number))

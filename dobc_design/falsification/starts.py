@@ -162,10 +162,13 @@ def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | L
     return claim
 
 
+SIGNALS = ("schedule", "markov")  # about some signals only
+
+
 def regional_check(certificate: Certificate) -> Check | None:
     """The proved check of a region that covers what is asked, else the first one; None without one.  One whose sets
     move with time is none."""
-    regional = [check for check in certificate.checks if check.kind.role == "region" and check.id != "schedule"]
+    regional = [check for check in certificate.checks if check.kind.role == "region" and check.id not in SIGNALS]
     proved = [check for check in regional if check.verdict is Verdict.PROVED]
     covering = (check for check in proved if check.id == certificate.claims.covered_by)
     return next(covering, proved[0] if proved else None)

@@ -13,13 +13,14 @@ import stat
 import tomllib
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
-from itertools import islice, takewhile
+from itertools import chain, combinations, islice, takewhile
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from dobc_design.coupling.coupling import Coupling, make_coupling
@@ -29,10 +30,10 @@ from dobc_design.problem import arcs_file, exosystems
 from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
-from dobc_design.problem.network import Arcs, Network, arcs_from_pairs, check_arrow, labels_of
+from dobc_design.problem.network import Arcs, Network, arcs_from_pairs, check_arrow, directed, labels_of
 from dobc_design.problem.problem import Problem, dimension_of, is_name
 from dobc_design.problem.schema import RESERVED, SCHEMA_VERSION, ExosystemTable, GroupTable, ProblemFile
-from dobc_design.problem.settings import Switching
+from dobc_design.problem.settings import MOST_OPTIONAL, OPTIONAL, Switching
 
 MAX_BYTES = 16 * 1024 * 1024
 MAX_NESTING = 50
@@ -424,7 +425,12 @@ def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
     for name, value in table.modes.items():
         key = f"network.modes.{named(name)}"
         with kept(errors):
-            modes[name] = _mode(value, index=index, arrow=table.arrow, key=key, folder=folder)
+            read = partial(_mode, index=index, arrow=table.arrow, folder=folder)
+            found = _subsets(name, value, read, key=key)
+            again = found.keys() & (modes.keys() | (table.modes.keys() - {name}))
+            if again:
+                raise wrong(key, f"makes a mode {shown(min(again))}, which there is already.", "Rename one of the two.")
+            modes |= found
         if len(errors) >= MOST_ERRORS:
             break
     # With what can be read, so that further mistakes show at once.
@@ -434,11 +440,37 @@ def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
     return network
 
 
+def _subsets(name: str, value: Any, read: Callable[..., Arcs], *, key: str) -> dict[str, Arcs]:
+    """A mode; of one with optional arcs, which may come and go at any time, a mode for every subset of them."""
+    if not isinstance(value, dict) or "optional" not in value:
+        return {name: read(value, key=key)}
+    if set(value) != {"arcs", "optional"}:
+        what = f"must have the keys arcs and optional, and no other; got {', '.join(map(shown, value))}."
+        raise wrong(key, what, "For example arcs = [[1, 2]] and optional = [[2, 3]].")
+    always, optional = (list(read(value[part], key=f"{key}.{part}")) for part in ("arcs", "optional"))
+    if not 1 <= len(optional) <= MOST_OPTIONAL:
+        what = f"must be 1 to {MOST_OPTIONAL} arcs, because each doubles the number of modes; got {len(optional)}."
+        raise wrong(f"{key}.optional", what, "List the graphs that may occur as modes of their own.")
+    known = {arc[:2] for arc in always}
+    for k, arc in enumerate(optional):
+        if arc[:2] in known:
+            raise wrong(f"{key}.optional[{k}]", "is an arc that stands there already.", "Remove one of the two.")
+        known.add(arc[:2])
+    found = {}
+    for off in chain.from_iterable(combinations(range(len(optional)), k) for k in range(len(optional) + 1)):
+        arcs = [*always, *(arc for k, arc in enumerate(optional) if k not in off)]
+        first, second = (np.array([arc[end] for arc in arcs], dtype=np.int64) for end in (0, 1))
+        mode = f"{name}{OPTIONAL}{', '.join(str(k + 1) for k in off)}" if off else name
+        found[mode] = directed(first, second, tuple(arc[2] for arc in arcs), arrow="listens_to")
+    return found
+
+
 def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder: Path | None) -> Arcs:
     if is_list(value):
         return arcs_from_pairs(value, index=index, arrow=arrow, key=key)
     if not isinstance(value, dict) or list(value) != ["file"] or not is_text(value["file"]):
-        what = f'{key} must be a list of arcs or {{ file = "arcs.csv" }}; got {shown(value)}.'
+        wanted = 'a list of arcs, { file = "arcs.csv" } or a table with arcs and optional'
+        what = f"{key} must be {wanted}; got {shown(value)}."
         raise SpecError(what, key=key, cure="For example [[1, 2], [2, 3]].")
     return arcs_file.read_arcs_file(value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file")
 

@@ -46,6 +46,14 @@ _ARC = {
     "prefixItems": [_LABEL, _LABEL, _NUMBER],
 }
 _FILE = {"type": "object", "properties": {"file": _TEXT}, "required": ["file"], "additionalProperties": False}
+_ARCS = _either(_list_of(_ARC, None), _FILE)
+_OPTIONAL = {
+    "type": "object",
+    "properties": {"arcs": _ARCS, "optional": _ARCS},
+    "required": ["arcs", "optional"],
+    "additionalProperties": False,
+    "description": "optional: arcs that may come and go at any time.",
+}
 _INSTANT = {"type": "array", "minItems": 2, "maxItems": 2, "prefixItems": [_NUMBER, _TEXT]}
 _NOTE = {"type": "string", "maxLength": 1000}
 
@@ -79,7 +87,7 @@ Rows = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBERS, _list_of(_NUMBERS
 ModeNames = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_TEXT))]
 Instants = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_INSTANT))]
 Count = Annotated[Any, _GIVEN, WithJsonSchema({"type": "integer", "minimum": 1})]
-Modes = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_list_of(_ARC, None), _FILE) | {"minProperties": 1})]
+Modes = Annotated[Any, _TABLE, WithJsonSchema(_table_of(_list_of(_ARC, None), _FILE, _OPTIONAL) | {"minProperties": 1})]
 Gains = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _table_of(_NUMBER, _MATRIX)))]
 Kind = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(KINDS)})]
 Flag = Annotated[Any, _GIVEN, WithJsonSchema({"type": "boolean"})]

@@ -178,7 +178,14 @@ KEYS: Mapping[str, tuple[str, ...]] = {
 }
 SIGNALS = tuple(KEYS)
 #: What proofs may assume, and the signal that is simulated unless another is named.
-GUARANTEES: Mapping[str, str] = {"arbitrary": "random", "dwell": "random", "sequence": "periodic"}
+GUARANTEES: Mapping[str, str] = {
+    "arbitrary": "random",
+    "dwell": "random",
+    "sequence": "periodic",
+    "markov": "markov",
+}
+#: In the names of the modes in which some optional arcs are off; the arcs come and go at any time.
+OPTIONAL, MOST_OPTIONAL = " without optional ", 6
 _EXAMPLES = {
     "sequence": 'sequence = ["Ga", "Gb"]',
     "period": "period = 2.0",
@@ -200,8 +207,9 @@ class Switching(Shown):
     ``schedule``: (instant in s, mode) of "schedule"; of "periodic" those of one round, which ends with ``period``.
     ``radius`` or ``neighbours``: "mobile", who hears whom; ``hysteresis``: both distances in the unit of x.
     ``guarantee``: what proofs may assume. "arbitrary" (as None), any signal; "dwell", a mode lasts at least ``dwell``,
-    and at most ``longest`` where it is given; "sequence", the modes of "periodic" over and over.  Its signal is then
-    "random" or "periodic" unless another is given; a list as ``dwell`` says how long each mode of a sequence lasts.
+    and at most ``longest`` where it is given; "sequence", the modes of "periodic" over and over; "markov", the Markov
+    chain of ``generator``.  Its signal is then "random", "periodic" or "markov" unless another is given; a list as
+    ``dwell`` says how long each mode of a sequence lasts.
     Raises: SpecError that names every wrong key.
     """
 
@@ -266,6 +274,10 @@ def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switch
     for key, mode in listed:
         if mode not in modes:
             errors.append(wrong(key, f"must be a mode of [network.modes]; got {shown(mode)}.", f"One of {names}."))
+    for name in ("guarantee", "sequence", "schedule", "generator"):
+        if getattr(switching, name) not in (None, "arbitrary") and any(OPTIONAL in mode for mode in modes):
+            what = "must be left out, because there are optional arcs, which come and go at any time."
+            errors.append(wrong(f"switching.{name}", what, "List the graphs that may occur as modes of their own."))
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
         what = f"must have {counted(len(modes), 'row')}, one per mode; got {rows}."
@@ -334,6 +346,9 @@ def _unfit_guarantee(own: Switching) -> list[SpecError]:
     if own.guarantee == "sequence" and (own.signal != "periodic" or (own.dwell is own.period is None)):
         what = "needs the modes in their order and how long each lasts."
         found.append(wrong("switching.guarantee", what, 'Write sequence = ["Ga", "Gb"] and dwell = [1, 2].'))
+    if own.guarantee == "markov" and own.generator is None:
+        what = 'is required and missing: guarantee = "markov" says at which rates the modes change.'
+        found.append(wrong("switching.generator", what, f"Write {_EXAMPLES['generator']}."))
     if own.guarantee == "dwell" and own.dwell is None:
         what = 'is required and missing: guarantee = "dwell" says that a mode lasts at least so long.'
         found.append(wrong("switching.dwell", what, "Write dwell = 0.5."))

@@ -102,6 +102,8 @@ def guarantee_words(switching: Switching) -> list[str]:
     """What proofs may assume of the signal, in a sentence; nothing without a guarantee."""
     if switching.guarantee == "sequence":
         return ["Proofs may assume this order and these times."]
+    if switching.guarantee == "markov":
+        return ["Proofs may assume this Markov chain, with any first mode."]
     if switching.guarantee == "dwell" and switching.dwell is not None:
         most = "" if switching.longest is None else f" and at most {number_text(switching.longest)} s"
         return [f"Proofs may assume that a mode lasts at least {number_text(switching.dwell)} s{most}."]

@@ -11,9 +11,9 @@ from dobc_design._show.cards import SIGNS
 from dobc_design._show.text import significant, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
+from dobc_design.conditions.graphs.claim import signals_in_words
 from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational
-from dobc_design.conditions.schedule.cycles import guarantee_in_words
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
@@ -85,8 +85,12 @@ def domain_words(domain: Domain) -> str:
 
 def covering_domain(certificate: Certificate) -> Domain | None:
     """The domain of the proof that carries the verdict."""
-    proved = (each for each in certificate.checks if each.verdict is Verdict.PROVED)
-    return next((each.domain for each in proved if each.id == certificate.covered_by), None)
+    return next((each.domain for each in _covering(certificate)), None)
+
+
+def _covering(certificate: Certificate) -> list[Check]:
+    proved = [each for each in certificate.checks if each.verdict is Verdict.PROVED]
+    return [each for each in proved if each.id == certificate.covered_by]
 
 
 def facts(certificate: Certificate) -> dict[str, str]:
@@ -177,9 +181,11 @@ def capitalize_first(text: str) -> str:
 
 def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
     """What the overall verdict says, and what it does not."""
-    if certificate.verdict is Verdict.PROVED:
-        return _proved(certificate)
     checks = certificate.checks
+    safe = [each.reason for each in checks if each.id == "safety" and each.verdict is Verdict.PROVED]
+    if certificate.verdict is Verdict.PROVED:
+        yes, no = _proved(certificate)
+        return [*yes, *map(capitalize_first, safe)], no
     if certificate.verdict is Verdict.REFUTED:
         yes = [
             "Consensus on the target fails for this network, these pins and this observer, and the checks below say"
@@ -201,7 +207,7 @@ def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
             "It does not say that consensus fails. A sufficient condition that is not met says nothing.",
             "It does not say that consensus holds, even if a simulation below shows it.",
         ]
-    return yes, [*no, _about_the_model(certificate.problem, _IDEAL)]
+    return [*yes, *map(capitalize_first, safe)], [*no, _about_the_model(certificate.problem, _IDEAL)]
 
 
 def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
@@ -220,9 +226,9 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
         ]
     if problem.groups:
         yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
-    if certificate.covered_by == "schedule":
-        yes.append(f"It holds for {guarantee_in_words(problem)}.")
-        no.append("It says nothing about other signals.")
+    if certificate.covered_by in ("schedule", "markov", "safety"):
+        yes += [f"It holds {signals_in_words(problem, each)}." for each in _covering(certificate)]
+        no += ["It says nothing about other signals."] if certificate.covered_by != "safety" else []
     elif len(problem.network.modes) > 1:
         yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V holds for all modes.")
     if certificate.rate:
@@ -372,8 +378,10 @@ def problem_words(problem: Problem) -> str:
     if problem.switching is not None:
         allowed = "are about the arcs of the modes" if problem.switching.signal == "mobile" else "allow any signal"
         run = "stays in one mode"
+        if problem.switching.guarantee not in (None, "arbitrary"):
+            allowed = f"{allowed}, except those that say for which signals they hold"
         if problem.switching.guarantee in ("dwell", "sequence"):
-            allowed, run = f"{allowed}, except those that say for which signals they hold", "switches like that"
+            run = "switches like that"
         told.append(f"Switching in simulations: {switching_words(problem)}.")
         told.append(f"The run shown here {run}, and the proofs {allowed}.")
     return " ".join(told)

@@ -34,6 +34,7 @@ FILES = (
     "moving",
     "cycles",
     "schedule",
+    "graphs",
     "examine",
 )
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}

@@ -9,6 +9,7 @@ from accuracy_cases import accuracy_cases
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_mutants import FILES, Removal, Watched, removals, without
 from cycles_cases import cycles_cases
+from graphs_cases import graphs_cases
 from groups_cases import groups_cases
 from margins_cases import margins_cases
 from quadratic_cases import quadratic_cases
@@ -16,7 +17,7 @@ from region_cases import region_cases
 from tube_cases import tube_cases
 from weighted_cases import weighted_cases
 
-MORE = (tube_cases, weighted_cases, margins_cases, accuracy_cases, cycles_cases)
+MORE = (tube_cases, weighted_cases, margins_cases, accuracy_cases, cycles_cases, graphs_cases)
 #: The cases to try first.
 FIRST = {
     "separable": region_cases,
@@ -26,6 +27,7 @@ FIRST = {
     "moving": tube_cases,
     "schedule": tube_cases,
     "cycles": cycles_cases,
+    "graphs": graphs_cases,
 }
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT = {

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dobc_design.conditions.check import Check, Witness
 from dobc_design.conditions.equilibrium.claim import LARGEST, Box, Equilibrium, Slopes, field_at, read_claim, slopes_on
 from dobc_design.conditions.numbers import read_rational
-from dobc_design.conditions.schedule.cycles import lasting_modes
+from dobc_design.conditions.schedule.cycles import may_stay
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, identity, multiply, subtract
@@ -57,7 +57,7 @@ def verify_equilibrium(problem: Problem, claim: Equilibrium, *, part: Fraction =
     if claim.mode not in problem.network.modes:
         raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
     undecided = partial(EquilibriumDecision, Verdict.UNDECIDED)
-    if claim.mode not in lasting_modes(problem):
+    if not may_stay(problem, claim.mode):
         return undecided("the guarantee does not let that mode stay on.")
     if len(claim.box) > LARGEST:
         return undecided(f"equilibria are proved for at most {LARGEST} rows n m.")

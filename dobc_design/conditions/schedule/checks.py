@@ -73,25 +73,32 @@ def _cycles_wrong(check: Check, problem: Problem, W: Matrix | None, domain: str)
     claim = read_claim(check, problem, W)
     if check.verdict is not Verdict.PROVED or check.witness is not None or not isinstance(claim, Cycles):
         return "it can only be proved or undecided, and has no witness"
-    if claim.rate is None if check.rate is not None else claim.rate is not None:
+    return not_as_claimed(check, problem, claim.rate, claim, domain) or why_not_cycles(problem, W, claim)
+
+
+def not_as_claimed(
+    check: Check, problem: Problem, rate: Fraction | None, claim: Cycles | None, domain: str
+) -> str | None:
+    """What rate and domain of a check say beyond a rate and a claim (None: about every start); None if nothing."""
+    if rate is None if check.rate is not None else rate is not None:
         return "it has a rate iff its claim has one"
-    if claim.rate is not None and not follows(check.rate, claim.rate):
+    if rate is not None and not follows(check.rate, rate):
         return "its rate is not between 0 and that of its claim"
-    if claim.rho is None:
+    if claim is None or claim.rho is None:
         if check.domain != "global" or domain != "global":
             return "without rho its domain is global, and so are the couplings"
     else:
         radius, disturbance = read_domain(check.domain, problem, kind="box")
         if not holds_starts(problem, claim, radius=radius, disturbance=disturbance):
             return "the box of starts is not in its region"
-    return why_not_cycles(problem, W, claim)
+    return None
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cycles:
     """What a proved check claims, for this problem and the gain W (q, m).  Raises: KeyError, TypeError, ValueError,
     ShapeError or SpecError for anything that cannot be such a claim."""
     if check.id == "schedule":
-        return _cycles_from_json(check.exact, problem)
+        return cycles_from_json(check.exact, problem)
     radius, disturbance = read_domain(check.domain, problem, kind="box")
     values = read_object(check.exact, ("tolerance", "time", "tube", "last"))
     last = read_object(values["last"], ("kind", "level", "height", "stretch", "certificate"))
@@ -101,7 +108,7 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cy
     if last["kind"] == QUADRATIC:
         certificate = lure_from_json(read_object(last["certificate"], names_of(problem)), problem, W)
     elif last["kind"] == SCHEDULE:
-        certificate = _cycles_from_json(last["certificate"], problem)
+        certificate = cycles_from_json(last["certificate"], problem)
     else:
         certificate = separable_from_json(last["certificate"], problem)
     return Descent(
@@ -139,7 +146,8 @@ def _error_from_json(values: Mapping[str, Any], problem: Problem, *, kappa: Frac
     return ErrorBound(P=P, beta=read_rational(values["beta"]), kappa=kappa, size=read_rational(values["size"]))
 
 
-def _cycles_from_json(data: object, problem: Problem) -> Cycles:
+def cycles_from_json(data: object, problem: Problem) -> Cycles:
+    """Read ``Cycles.to_json`` back for this problem; raises as ``read_claim``."""
     values = read_object(data, ("rate", "rho", "phases", *(("P", "beta", "kappa", "size") if problem.groups else ())))
     phases = list[Weights]()
     for each in values["phases"]:

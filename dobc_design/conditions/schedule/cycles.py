@@ -52,7 +52,7 @@ class Phase:
 def phases_of(problem: Problem) -> tuple[Phase, ...]:
     """The phases of the guarantee of [switching]; empty without one, and where one mode is always on."""
     own, modes = problem.switching, tuple(problem.network.modes)
-    if own is None or own.guarantee in (None, "arbitrary") or len(modes) == 1:
+    if own is None or own.guarantee not in ("dwell", "sequence") or len(modes) == 1:
         return ()
     if own.guarantee == "dwell":
         every = range(len(modes))
@@ -77,12 +77,6 @@ def phases_of(problem: Problem) -> tuple[Phase, ...]:
         Phase(mode=mode, shortest=time, longest=time, successors=((p + 1) % len(order),), first=p == 0)
         for p, (mode, time) in enumerate(zip(order, lengths, strict=True))
     )
-
-
-def lasting_modes(problem: Problem) -> set[str]:
-    """The modes that may stay on for ever."""
-    phases = phases_of(problem)
-    return {phase.mode for phase in phases if phase.longest is None} if phases else set(problem.network.modes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,21 +201,17 @@ def holds_starts(problem: Problem, claim: Cycles, *, radius: Fraction, disturban
 
 
 def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[bool, str]]:
-    phases, exosystem = phases_of(problem), problem.joint_exosystem
+    phases = phases_of(problem)
     yield bool(phases), "there is no guarantee, or only one mode."
     yield acts_by_component(problem), "couplings have to act on each state component by itself."
     yield len(claim.phases) in (0, len(phases)), "there must be weights for every phase."
     yield all(len(v) == problem.n for each in claim.phases for v in each.v), "weights must have one entry per agent."
-    yield claim.rho is not None or problem.is_linear, "without rho couplings have to be linear."
-    yield (claim.error is not None) == (exosystem is not None), "P, beta, kappa and size belong to an [exosystem]."
-    if exosystem is not None and claim.error is not None:
-        yield W is not None, "with an [exosystem] it needs an observer gain W."
-        obstacle = None if W is None else error_bound_obstacle(exosystem, W, claim.error)
-        yield obstacle is None, str(obstacle)
-        room = (claim.error.beta - (claim.rate or ZERO)) * claim.error.kappa * claim.least
-        yield claim.error.kappa > 0 and room >= 1, "kappa (beta - rate) min v must be at least 1."
+    yield from holds_observer(problem, W, claim, claim.rate)
     if not claim.phases or claim.rate is None:
-        yield from _by_graphs(problem, phases, claim.rho)
+        yield from rises(problem, claim.rho)
+        missed = next(unreached_cycles(problem, phases), None)
+        if missed is not None:
+            yield False, f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
         return
     for p, (phase, each) in enumerate(zip(phases, claim.phases, strict=True)):
         where = f"phase {p + 1} (mode {phase.mode})"
@@ -232,19 +222,32 @@ def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[
         yield not _open(problem, phase, each, claim), f"{where}: a row does not hold."
 
 
-def _by_graphs(problem: Problem, phases: Sequence[Phase], rho: Fraction | None) -> Iterator[tuple[bool, str]]:
-    """Rising couplings, and every cycle reaches every agent."""
+def holds_observer(
+    problem: Problem, W: Matrix | None, claim: Cycles, rate: Fraction | None
+) -> Iterator[tuple[bool, str]]:
+    """Rho and the observer's part of a claim, at this rate: whether each condition holds, and what it is."""
+    exosystem = problem.joint_exosystem
+    yield claim.rho is not None or problem.is_linear, "without rho couplings have to be linear."
+    yield (claim.error is not None) == (exosystem is not None), "P, beta, kappa and size belong to an [exosystem]."
+    if exosystem is not None and claim.error is not None:
+        yield W is not None, "with an [exosystem] it needs an observer gain W."
+        obstacle = None if W is None else error_bound_obstacle(exosystem, W, claim.error)
+        yield obstacle is None, str(obstacle)
+        room = (claim.error.beta - (rate or ZERO)) * claim.error.kappa * claim.least
+        yield claim.error.kappa > 0 and room >= 1, "kappa (beta - rate) min v must be at least 1."
+
+
+def rises(problem: Problem, rho: Fraction | None, *, strictly: bool = True) -> Iterator[tuple[bool, str]]:
+    """Couplings rise as far out as 2 rho, ``strictly`` at the target; gains hold."""
     try:
-        profiles = [profile(Curve(each.components[0]), 2 * (rho or ZERO)) for each in problem.couplings]
-        slopes = [jet(each.curve, Interval.point(ZERO)).slope for each in profiles]
+        profiles = [profile(Curve(each.components[0]), 2 * (rho or ONE)) for each in problem.couplings]
+        slopes = [jet(each.curve, Interval.point(ZERO)).slope for each in profiles] if strictly else []
         rising = all(each.is_nondecreasing for each in profiles) and all(slope.lo > 0 for slope in slopes)
     except UndefinedError:
         rising = False
-    yield rising, "a coupling is not shown to rise as far out as that, strictly at the target."
+    strict = ", strictly at the target" if strictly else ""
+    yield rising, f"a coupling is not shown to rise as far out as that{strict}."
     yield min(holding_gains(problem)) >= 0, "a gain pushes outward."
-    missed = next(unreached_cycles(problem, phases), None)
-    if missed is not None:
-        yield False, f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
 
 
 def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
@@ -259,20 +262,34 @@ def cycles_of(phases: Sequence[Phase]) -> list[tuple[str, ...]]:
 
 def unreached_cycles(problem: Problem, phases: Sequence[Phase]) -> Iterator[tuple[tuple[str, ...], str]]:
     """Modes of a cycle, or a mode that may stay on for ever, and the label of an agent that they do not reach."""
-    graphs, gains = problem.network.modes, holding_gains(problem)
     for cycle in cycles_of(phases):
-        heard: dict[int, set[int]] = {}
-        for mode in cycle:
-            for i, j in zip(graphs[mode].listeners.tolist(), graphs[mode].speakers.tolist(), strict=True):
-                heard.setdefault(j, set()).add(i)
-        waiting = [i for i, gain in enumerate(gains) if gain > 0]
-        reached = set(waiting)
-        while waiting:
-            new = heard.get(waiting.pop(), set()) - reached
-            reached |= new
-            waiting += new
-        if len(reached) < problem.n:
-            yield cycle, problem.network.labels[min(set(range(problem.n)) - reached)]
+        if (missed := first_unreached(problem, cycle)) is not None:
+            yield cycle, missed
+
+
+def first_unreached(problem: Problem, modes: Sequence[str]) -> str | None:
+    """The label of an agent that no pin which holds reaches in these modes together; None if there is none."""
+    heard: dict[int, set[int]] = {}
+    for arcs in (problem.network.modes[mode] for mode in modes):
+        for i, j in zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True):
+            heard.setdefault(j, set()).add(i)
+    waiting = [i for i, gain in enumerate(holding_gains(problem)) if gain > 0]
+    reached = set(waiting)
+    while waiting:
+        new = heard.get(waiting.pop(), set()) - reached
+        reached |= new
+        waiting += new
+    return None if len(reached) == problem.n else problem.network.labels[min(set(range(problem.n)) - reached)]
+
+
+def may_stay(problem: Problem, mode: str) -> bool:
+    """Whether a signal that keeps the guarantee may stay in this mode for ever."""
+    own, phases = problem.switching, phases_of(problem)
+    if own is not None and own.guarantee == "markov" and own.generator is not None:
+        place = list(problem.network.modes).index(mode)
+        return own.generator[place][place] == 0
+    lasting = {each.mode for each in phases if each.longest is None}
+    return not phases or mode in lasting or {each.mode for each in phases} == {mode}
 
 
 def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:

@@ -1,0 +1,282 @@
+"""`safety` and `markov`: what `certify` proves, beside moments and graphs that others computed."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from dobc_design.certification.certify import certify
+from dobc_design.certification.recheck import verify_twice
+from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.graphs.decide import closed_classes, why_not
+from dobc_design.conditions.graphs.propose import mean_claim, square_claim
+from dobc_design.conditions.graphs.stage import markov_stage
+from dobc_design.errors import SpecError
+from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.network import Network
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Switching
+from dobc_design.report.words import what_it_means
+from dobc_design.simulation.runs import simulate
+from dobc_design.verdict import Verdict
+
+PAPER = "exp(y) - 1 + y"
+CHAIN = {"A": [[3, 2]], "B": [[2, 1]]}
+WAVE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+MOBILE = Switching(signal="mobile", radius=1)
+
+
+def problem(
+    modes: Any = CHAIN, *, n: int = 3, coupling: Any = "y", generator: Any = ((-1, 1), (2, -2)), **more: Any
+) -> Problem:
+    network = Network.from_arcs(modes, arrow="listens_to", agents=n)
+    switching = Switching(guarantee="markov", generator=[list(row) for row in generator])
+    return Problem(**{"network": network, "coupling": coupling, "gains": {1: 1}, "switching": switching} | more)
+
+
+def check_of(found: Any, id: str) -> Any:
+    (check,) = [each for each in found.claims.checks if each.id == id]
+    assert verify_twice(found.claims, found.problem).holds
+    return check
+
+
+def drawn(rng: np.random.Generator, *, n: int, count: int) -> tuple[dict[str, Any], Any]:
+    """Modes of few arcs, and a generator with few rates."""
+    modes = {
+        f"M{p}": [
+            [i + 1, j + 1, int(rng.integers(1, 4))]
+            for i in range(n)
+            for j in range(n)
+            if i != j and rng.random() < 0.25
+        ]
+        for p in range(count)
+    }
+    rates = np.where(rng.random((count, count)) < 0.6, rng.integers(1, 4, (count, count)), 0)
+    np.fill_diagonal(rates, 0)
+    return modes, (rates - np.diag(rates.sum(axis=1))).tolist()
+
+
+def systems(own: Problem, sign: float = 1.0) -> list[np.ndarray]:
+    """A_p = J_p - K of h = sign y, with scalar gains."""
+    found = []
+    for arcs in own.network.modes.values():
+        A = np.zeros((own.n, own.n))
+        for i, j, w in arcs:
+            A[i, j] += sign * float(w)
+            A[i, i] -= sign * float(w)
+        for i, k in own.pinning.gains.items():
+            A[i, i] -= float(k[0][0])
+        found.append(A)
+    return found
+
+
+def rates_of(systems: list[np.ndarray], generator: Any) -> tuple[float, float]:
+    """Of E e 1_p and of E e e' 1_p, by the eigenvalues of their equations."""
+    G, n = np.array(generator, dtype=float), len(systems[0])
+    first = np.zeros((len(G) * n,) * 2)
+    second = np.zeros((len(G) * n * n,) * 2)
+    for p, A in enumerate(systems):
+        first[p * n : (p + 1) * n, p * n : (p + 1) * n] += A
+        square = np.kron(A, np.eye(n)) + np.kron(np.eye(n), A)
+        second[p * n * n : (p + 1) * n * n, p * n * n : (p + 1) * n * n] += square
+    first += np.kron(G.T, np.eye(n))
+    second += np.kron(G.T, np.eye(n * n))
+    return -max(np.linalg.eigvals(first).real), -max(np.linalg.eigvals(second).real) / 2
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_means_and_squares_agree_with_the_eigenvalues_of_the_moments(seed: int):
+    """Couplings of either sign; where means decay by the eigenvalues, weights are found, and the rates are those."""
+    rng = np.random.default_rng(seed)
+    n, count, sign = int(rng.integers(2, 5)), int(rng.integers(2, 4)), 1 if seed % 3 else -1
+    modes, generator = drawn(rng, n=n, count=count)
+    gains = {
+        i + 1: int(rng.integers(1, 8 if sign < 0 else 3)) for i in range(n) if i == 0 or sign < 0 or rng.random() < 0.2
+    }
+    own = problem(modes, n=n, coupling="y" if sign > 0 else "-y", generator=generator, gains=gains)
+    mean, square = rates_of(systems(own, sign), generator)
+    G = own.switching.generator
+    squared = square_claim(own, None, G)
+    if abs(square) > 1e-6:
+        assert (squared is not None and why_not(own, None, squared) is None) == (square > 0)
+    if squared is not None:
+        assert 0.9 * square <= float(squared.rate) <= square
+    found = mean_claim(own, None, G)
+    if sign > 0 and abs(mean) > 1e-6:
+        assert (found is not None and why_not(own, None, found) is None) == (mean > 0)
+        assert found is None or 0.99 * mean <= float(found.rate) <= mean
+    elif found is not None:
+        assert why_not(own, None, found) is not None
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
+    """With networkx: attracting components of the chain, and the union of their graphs."""
+    rng = np.random.default_rng(1000 + seed)
+    n, count = int(rng.integers(2, 6)), int(rng.integers(2, 5))
+    modes, generator = drawn(rng, n=n, count=count)
+    own = problem(modes, n=n, coupling=PAPER, generator=generator, region={"initial_states": [-1, 1]})
+    chain = nx.DiGraph([(p, q) for p in range(count) for q in range(count) if p != q and generator[p][q] > 0])
+    chain.add_nodes_from(range(count))
+    classes = sorted(tuple(sorted(each)) for each in nx.attracting_components(chain))
+    assert closed_classes(own.switching.generator) == classes
+    lost = []
+    for each in classes:
+        arcs = [(b, a) for p in each for a, b, _ in modes[f"M{p}"]]
+        graph = nx.DiGraph(arcs)
+        graph.add_nodes_from(range(1, n + 1))
+        left = set(graph) - {1} - nx.descendants(graph, 1)
+        lost += [(tuple(f"M{p}" for p in each), tuple(str(i) for i in sorted(left)))] if left else []
+    (check,) = markov_stage(read_region(own, None, domain="consensus", everything=False), lambda _: None)
+    assert check.verdict is (Verdict.REFUTED if lost else Verdict.PROVED)
+    if lost:
+        assert (tuple(check.exact["modes"]), check.witness.labels) == lost[0]
+
+
+def test_three_agents_in_mean_square():
+    """Never connected: 3 hears 2 in A, 2 hears 1 in B."""
+    found = certify(problem())
+    check = check_of(found, "markov")
+    assert found.claims.covered_by == "markov"
+    assert check.exact["kind"] == "mean square"
+    assert check.rate == pytest.approx(0.999 * rates_of(systems(found.problem), [[-1, 1], [2, -2]])[1], rel=1e-5)
+    assert "in mean square for the Markov signal" in found.reason
+
+
+def test_larger_networks_in_the_mean():
+    ring = [[i, i % 20 + 1] for i in range(1, 21)]
+    halves = {"odd": [arc for arc in ring if arc[0] % 2], "even": [arc for arc in ring if not arc[0] % 2]}
+    own = problem(halves, n=20, gains={1: 1, 11: 1}, exosystem=WAVE)
+    check = check_of(certify(own), "markov")
+    assert check.exact["kind"] == "mean"
+    assert check.domain == "global"
+    assert check.rate <= rates_of(systems(own), [[-1, 1], [2, -2]])[0]
+    assert "in the mean" in check.reason
+
+
+def test_weights_of_many_agents_travel_as_doubles():
+    n = 1200
+    modes = {
+        "A": [[i, i - 1] for i in range(2, n + 1) if i % 2],
+        "B": [[i, i - 1] for i in range(2, n + 1) if not i % 2],
+    }
+    own = problem(modes, n=n, gains=1)
+    found = mean_claim(own, None, own.switching.generator)
+    assert found is not None
+    assert why_not(own, None, found) is None
+    assert 0.9 <= float(found.rate) <= 1
+
+
+def test_couplings_that_mix_components_in_mean_square():
+    own = problem(coupling=["y1 + y2/4", "y2"], target=[0, 0])
+    found = certify(own)
+    assert check_of(found, "markov").exact["kind"] == "mean square"
+    stiff = problem(
+        {"A": [[1, 2]], "B": [[2, 1]]}, n=2, coupling=["y1 + 9*y2", "y2 - 9*y1"], target=[0, 0], gains={1: 1}
+    )
+    assert check_of(certify(stiff), "markov").verdict is Verdict.PROVED
+
+
+def test_an_unstable_mode_that_does_not_last_refutes_nothing():
+    """e_1' = e_1/2 - e_2 in A; the chain leaves A nine times as fast as it comes."""
+    more: Any = {"n": 2, "coupling": "-y", "gains": {1: "1/2", 2: 3}}
+    modes = {"A": [[1, 2]], "B": [[2, 1]]}
+    assert certify(problem(modes, generator=((-9, 9), (1, -1)), **more)).verdict is Verdict.PROVED
+    found = certify(problem(modes, generator=((-1, 1), (9, -9)), **more))
+    assert found.verdict is Verdict.UNDECIDED
+    assert verify_twice(found.claims, found.problem).holds
+    assert certify(problem(modes, generator=((0, 0), (9, -9)), **more)).verdict is Verdict.REFUTED
+
+
+@pytest.mark.parametrize(("guarantee", "verdict"), [("arbitrary", Verdict.REFUTED), ("markov", Verdict.UNDECIDED)])
+def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(guarantee: str, verdict: Verdict):
+    """sin vanishes at pi: agent 2 may rest there while it hears agent 1."""
+    turns = Switching(signal="markov", guarantee=guarantee, generator=[[-1, 1], [1, -1]])
+    network = Network.from_arcs({"A": [[2, 1]], "B": [[2, 1], [1, 2]]}, arrow="listens_to", agents=2)
+    found = certify(
+        Problem(network=network, coupling="sin(y)", gains={1: 1}, region={"initial_states": [-4, 4]}, switching=turns)
+    )
+    assert ("equilibrium" in {each.id for each in found.claims.checks}) == (verdict is Verdict.REFUTED)
+    assert found.verdict is verdict
+    assert verify_twice(found.claims, found.problem).holds
+
+
+def test_a_box_as_large_as_couplings_rise():
+    """sin rises up to pi/2: a box of pi/4 at most; the region asks for more."""
+    found = certify(problem(coupling="sin(y)", region={"initial_states": [-2, 2]}))
+    check = check_of(found, "markov")
+    assert (check.verdict, check.domain["radius"]) == (Verdict.PROVED, 0.5)
+    assert found.verdict is Verdict.UNDECIDED
+    assert "consensus is proved from |e_i| <= 0.5 (markov)" in found.reason
+
+
+def test_nothing_is_assumed_without_the_guarantee():
+    switching = Switching(signal="markov", generator=[[-1, 1], [2, -2]])
+    found = certify(problem(switching=switching))
+    assert "markov" not in {each.id for each in found.claims.checks}
+    with pytest.raises(SpecError, match=r"switching\.generator is required"):
+        Switching(guarantee="markov")
+
+
+def test_all_pinned_agents_reach_the_target_for_every_graph():
+    own = problem(coupling=PAPER, gains={1: 1, 2: "1/2", 3: 2}, switching=MOBILE, region={"initial_states": [-2, 2]})
+    found = certify(own)
+    check = check_of(found, "safety")
+    assert check.reason.startswith("no agent ever leaves the box |e| <= 2, whatever the graph, its switching and the")
+    assert (check.rate, check.claim.rate) == (0.5, Fraction(1, 2))
+    assert "All agents are pinned, so all reach the target for every graph and every motion" in check.reason
+    assert "in the region for every graph and every motion, at a rate of at least 0.5 1/s." in found.reason
+
+
+def test_the_report_says_for_which_signals_it_holds():
+    yes, no = what_it_means(certify(problem()))
+    assert "It holds in mean square for the Markov signal, whatever its first mode." in yes
+    assert "It says nothing about other signals." in no
+    yes, _ = what_it_means(certify(problem(switching=MOBILE)))
+    assert [text for text in yes if text.startswith("No agent ever leaves the box |e| <= max |e(0)|")]
+
+
+def test_an_observer_takes_its_part_of_the_box():
+    region = {"initial_states": [-1, 1], "initial_disturbance": 1}
+    own = problem(coupling=PAPER, gains=1, switching=MOBILE, region=region, exosystem=WAVE)
+    claim = check_of(certify(own), "safety").claim
+    assert claim.rate is not None
+    error = claim.box.error
+    assert error.kappa * (error.beta - claim.rate) >= 1
+    assert (error.kappa**2 * error.size) <= (claim.box.rho - 1) ** 2
+
+
+def test_without_a_pin_the_box_holds_and_nothing_else_is_said():
+    own = problem(coupling="y + y**3", switching=MOBILE, region={"initial_states": [-2, 2]})
+    found = certify(own)
+    check = check_of(found, "safety")
+    assert (check.verdict, check.rate, found.verdict) == (Verdict.PROVED, None, Verdict.UNDECIDED)
+    assert 'agents 2 and 3); a guarantee on time would help (guarantee = "dwell")' in found.reason
+
+
+def test_other_proofs_of_a_moving_graph_are_about_the_declared_modes():
+    modes = {"A": [[2, 1]], "B": [[2, 1], [1, 2]]}
+    own = problem(modes, n=2, coupling=PAPER, switching=MOBILE, region={"initial_states": [-1, 1]})
+    found = certify(own)
+    assert found.claims.covered_by == "max-separable"
+    assert "every mix of their neighbour sets" in found.reason
+    assert "Graphs that the modes do not list are not covered. No agent ever leaves the box |e| <= 1" in found.reason
+
+
+def test_no_simulated_agent_that_moves_leaves_the_box():
+    own = problem({"A": []}, n=5, coupling=PAPER, gains={1: 1}, switching=Switching(signal="mobile", radius="1/2"))
+    rng = np.random.default_rng(1)
+    for seed in range(5):
+        start = rng.uniform(-1, 1, (5, 1))
+        run = simulate(own, start=start, t_final=5, seed=seed)
+        assert np.max(np.abs(run.x)) <= np.max(np.abs(start)) * (1 + 1e-9)
+
+
+def test_couplings_that_fall_are_left_open():
+    check = check_of(certify(problem(coupling="-y", gains=5, switching=MOBILE)), "safety")
+    assert check.verdict is Verdict.UNDECIDED
+    assert "not shown to rise" in check.reason

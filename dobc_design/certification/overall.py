@@ -22,6 +22,7 @@ from dobc_design.problem.arrays import unreached
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+OF_A_GUARANTEE = ("schedule", "markov")  # which carry the verdict where nothing holds for arbitrary switching
 MOST_PHASES = 40  # of a guarantee, of which cycles are examined
 MOST = Fraction(10) ** 300  # what a sentence can show of a number
 ALONE = "Without [region] the verdict is about the consensus alone."
@@ -42,7 +43,7 @@ def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) 
     never a text; the rest is exact facts of ``problem``.  A designed W that fails says nothing against the problem."""
     covering = [check for check in checks if covers(problem, check, checks)]
     if covering:
-        best = max(covering, key=lambda check: check.rate or 0.0)
+        best = max(covering, key=lambda check: (check.id not in OF_A_GUARANTEE, check.rate or 0.0))
         reason = _proved_reason(problem, best) + _moving_words(problem, checks, best)
         return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=reason)
     refuted = _apart_reason(problem) or _refuted_reason(problem, checks, W)

@@ -39,10 +39,12 @@ RING = [[i, i % 10 + 1] for i in range(1, 11)]
 HALVES = {"odd": [arc for arc in RING if arc[0] % 2], "even": [arc for arc in RING if not arc[0] % 2]}
 
 
-def problem(modes: Any = MODES, *, coupling: str = "y", n: int = 3, gains: Any = None, **turns: Any) -> Problem:
+def problem(
+    modes: Any = MODES, *, coupling: str = "y", n: int = 3, gains: Any = None, region: Any = None, **turns: Any
+) -> Problem:
     network = Network.from_arcs(modes, arrow="listens_to", agents=n)
     gains = {1: 1} if gains is None else gains
-    return Problem(network=network, coupling=coupling, gains=gains, switching=Switching(**turns))
+    return Problem(network=network, coupling=coupling, gains=gains, region=region, switching=Switching(**turns))
 
 
 def chain(**turns: Any) -> Problem:
@@ -304,3 +306,12 @@ def test_an_unstable_mode_refutes_only_where_it_may_stay_on(turns):
     brief = certify(problem(arcs, n=2, coupling="-5*y", gains=gains, **short))
     assert brief.verdict is not Verdict.REFUTED
     assert recheck(brief.claims, brief.problem).holds
+
+
+def test_what_holds_for_every_signal_carries_the_verdict_also_where_it_is_slower():
+    arcs = {"A": [[2, 1], [3, 2]], "B": [[2, 1], [3, 1]]}
+    found = certify(problem(arcs, guarantee="sequence", dwell=1, region={"initial_states": [-1, 1]}), everything=True)
+    assert {each.id for each in found.claims.checks if each.verdict is Verdict.PROVED} >= {"max-separable", "schedule"}
+    assert found.claims.covered_by not in ("schedule", None)
+    assert "arbitrary switching" in found.reason
+    assert recheck(found.claims, found.problem).holds

@@ -217,6 +217,7 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
         found = tuple(envelopes_of(problem, claims, starts))
     if not keeps_guarantee(problem, json.loads(run.signal or "{}")):
         found = tuple(each for each in found if each.id != "schedule")
+        settling = None if settling is None or settling.guarantee is not None else settling
     bound = CertifiedBound(envelopes=found, settling=settling)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
 

@@ -285,6 +285,16 @@ def test_a_sequence_is_kept_by_itself_alone(signal, kept):
     assert keeps_guarantee(problem, json.loads(dd.simulate(problem, signal=signal, t_final=1).signal)) is kept
 
 
+def test_a_settling_time_of_a_sequence_bounds_no_other_signal():
+    network = dd.Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
+    turns = dd.Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
+    problem = Problem(network=network, coupling="y", gains={1: 1}, region={"initial_states": [-1, 1]}, switching=turns)
+    certificate = dd.certify(problem, settling="1/10")
+    assert "settling" in certificate.envelope(dd.simulate(problem, t_final=2)).sources
+    stuck = dd.simulate(problem, signal=dd.signals.Fixed(mode="A"), t_final=2)
+    assert not certificate.envelope(stuck).sources
+
+
 def test_a_proof_by_the_graphs_bounds_no_run():
     problem = relay(turns={"longest": 2})
     proved = Check(id="schedule", verdict=Verdict.PROVED, domain="global", reason="", claim=Cycles(**BY_GRAPHS))

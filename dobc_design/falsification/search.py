@@ -145,7 +145,7 @@ class _Search:
         counts[RANDOM] = count - sum(counts.values())
         parts = [self.starts.draw(rng, each, kind) for kind, each in counts.items() if each]
         e, eps = np.concatenate([e for e, _ in parts], axis=1), np.concatenate([eps for _, eps in parts], axis=2)
-        signals = sets.drawn_signals(rng, count, self.problem, self.horizon)
+        signals = sets.drawn_signals(rng, count, self.problem, self.horizon, longer=LONGER)
         done = [first := self.simulate(e, eps, signals)]
         if uphill:
             self.say("climbing from the worst starts")
@@ -184,7 +184,7 @@ class _Search:
         e, eps = np.stack([e for e, _ in found], axis=1), np.stack([eps for _, eps in found], axis=2)
         if not all(may_stay(self.problem, mode) for mode in self.arena.modes):
             rng = np.random.default_rng(self.seed)
-            return self.simulate(e, eps, sets.drawn_signals(rng, count, self.problem, self.horizon))
+            return self.simulate(e, eps, sets.drawn_signals(rng, count, self.problem, self.horizon, longer=LONGER))
         return self.simulate(e, eps, sets.constant_signals(modes))
 
     def flow(self, mode: int) -> Flow:

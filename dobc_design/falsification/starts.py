@@ -7,7 +7,7 @@ so that a factor brings every start but 0 to the boundary of a certified set.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -18,9 +18,10 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of
 from dobc_design.conditions.boxes.claim import Shell
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.kinds import ids_of
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.schedule.cycles import Phase, phases_of
+from dobc_design.conditions.schedule.cycles import phases_of
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError, wrong
@@ -369,12 +370,18 @@ def constant_signals(modes: IndexArray) -> Signals:
     return Signals(times=np.zeros((len(modes), 1)), modes=modes[:, None].astype(np.int64))
 
 
-def drawn_signals(rng: np.random.Generator, count: int, problem: Problem, horizon: float) -> Signals:
+def drawn_signals(
+    rng: np.random.Generator, count: int, problem: Problem, horizon: float, *, longer: float = 1.0
+) -> Signals:
     """Every third run in one mode, the modes in turn; the others switch at random, at quite different paces.  Under a
-    guarantee all keep it, and modes last as short or as long as they may."""
-    modes, phases = len(problem.network.modes), phases_of(problem)
-    if phases:
-        return _kept_signals(rng, count, problem, phases, horizon)
+    guarantee all keep it, for ``longer`` horizons: modes last as short or as long as they may, or as a chain draws."""
+    modes, phases, generator = len(problem.network.modes), phases_of(problem), generator_of(problem)
+    if phases or generator is not None:
+        drawn = _kept_signals if generator is None else _chain_signals
+        rows = [drawn(rng, problem, longer * horizon) for _ in range(count)]
+        width = max(map(len, rows))
+        padded = np.array([row + [(np.inf, 0)] * (width - len(row)) for row in rows])
+        return Signals(times=padded[:, :, 0], modes=padded[:, :, 1].astype(np.int64))
     first = np.arange(count) % modes
     if modes == 1:
         return constant_signals(first)
@@ -389,22 +396,29 @@ def drawn_signals(rng: np.random.Generator, count: int, problem: Problem, horizo
     return Signals(times=times, modes=np.where(np.isinf(times), 0, chosen))
 
 
-def _kept_signals(
-    rng: np.random.Generator, count: int, problem: Problem, phases: Sequence[Phase], horizon: float
-) -> Signals:
-    names, firsts, drawn = list(problem.network.modes), [p for p, phase in enumerate(phases) if phase.first], []
-    for _ in range(count):
-        at, place, row = 0.0, int(rng.choice(firsts)), list[tuple[float, int]]()
-        while at < horizon:
-            phase = phases[place]
-            row.append((at, names.index(phase.mode)))
-            shortest = float(phase.shortest)
-            longest = float(rng.choice((2 * shortest, horizon))) if phase.longest is None else float(phase.longest)
-            at, place = at + float(rng.choice((shortest, longest))), int(rng.choice(phase.successors))
-        drawn.append(row)
-    width = max(map(len, drawn))
-    padded = np.array([row + [(np.inf, 0)] * (width - len(row)) for row in drawn])
-    return Signals(times=padded[:, :, 0], modes=padded[:, :, 1].astype(np.int64))
+def _kept_signals(rng: np.random.Generator, problem: Problem, horizon: float) -> list[tuple[float, int]]:
+    """Instants (s) and modes of a signal that keeps the phases of the guarantee."""
+    phases, names, row, at = phases_of(problem), list(problem.network.modes), list[tuple[float, int]](), 0.0
+    place = int(rng.choice([p for p, phase in enumerate(phases) if phase.first]))
+    while at < horizon:
+        phase = phases[place]
+        row.append((at, names.index(phase.mode)))
+        shortest = float(phase.shortest)
+        longest = float(rng.choice((2 * shortest, horizon))) if phase.longest is None else float(phase.longest)
+        at, place = at + float(rng.choice((shortest, longest))), int(rng.choice(phase.successors))
+    return row
+
+
+def _chain_signals(rng: np.random.Generator, problem: Problem, horizon: float) -> list[tuple[float, int]]:
+    """The same of the Markov chain of [switching], from any first mode."""
+    rates, row, at = np.array(generator_of(problem) or (), dtype=float), list[tuple[float, int]](), 0.0
+    mode = int(rng.integers(len(rates)))
+    while at < horizon:
+        row.append((at, mode))
+        leaves = -rates[mode, mode]
+        at += float(rng.exponential(1 / leaves)) if leaves > 0 else np.inf
+        mode = int(rng.choice(len(rates), p=np.maximum(rates[mode], 0) / leaves)) if leaves > 0 else mode
+    return row
 
 
 def run_starts(

@@ -95,12 +95,20 @@ def _safe(asked: Asked) -> Check:
             size = "max |e(0)|" + (" and what the estimation error adds" if problem.groups else "")
             if claim.box is not None and claim.box.rho is not None:
                 size = f"{float(rounded_up(claim.box.rho, digits=6)):.6g}"
-            reason = f"no agent ever leaves the box |e| <= {size}, whatever the graph, its switching and the motion."
+            starts = "every start" if claim.box is None or claim.box.rho is None else f"|e(0)| <= {smaller.radius:.6g}"
+            if problem.groups and starts != "every start":
+                starts += f" and |eps_i(0)| <= {smaller.disturbance:.6g}"
+            reason = f"from {starts} no agent ever leaves the box |e| <= {size}, whatever the graph, its switching and"
+            reason += " the motion."
             if claim.rate is None:
                 who = f"not pinned, and may lose all neighbours: {name_agents(tuple(loose))}"
-                reason += f' There is no rate ({who}); a guarantee on time would help (guarantee = "dwell").'
+                known = problem.switching is not None and problem.switching.guarantee not in (None, "arbitrary")
+                helps = "" if known else '; a guarantee on time would help (guarantee = "dwell")'
+                reason += f" There is no rate ({who}){helps}."
             else:
-                reason += " All agents are pinned, so all reach the target for every graph and every motion, at least"
+                reason += (
+                    " All agents are pinned, so from there all reach the target for every graph and motion, at least"
+                )
                 reason += f" like exp(-{shorten(claim.rate, digits=4):.4g} t)."
             return _check("safety", smaller, claim, reason)
     return undecided_check("safety", asked.domain, str(wrong))

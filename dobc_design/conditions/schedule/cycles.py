@@ -21,6 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from dobc_design._show.cards import Shown
 from dobc_design.conditions.numbers import vector_to_json
 from dobc_design.conditions.schedule.rows import Box, moving_rows
 from dobc_design.conditions.separable.claim import ErrorBound, acts_by_component, holding_gains
@@ -37,8 +38,8 @@ ZERO, ONE = Fraction(0), Fraction(1)
 FARTHEST: Final = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Phase:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Phase(Shown):
     """A mode that is on for ``shortest`` to ``longest`` (s; None: as long as it likes); then one of ``successors``
     (places in the list of phases) follows.  ``first``: whether a signal may begin with it."""
 
@@ -129,8 +130,8 @@ def guarantee_in_words(problem: Problem) -> str:
     return f"the signal {turns}{', ...' if len(phases_of(problem)) > 6 else ''}, over and over"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Weights:
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Weights(Shown):
     """Weights of one phase at ``times`` (s) from its beginning, linear in between: one entry > 0 per agent."""
 
     times: Vector

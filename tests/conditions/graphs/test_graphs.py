@@ -226,7 +226,9 @@ def test_all_pinned_agents_reach_the_target_for_every_graph():
     own = problem(coupling=PAPER, gains={1: 1, 2: "1/2", 3: 2}, switching=MOBILE, region={"initial_states": [-2, 2]})
     found = certify(own)
     check = check_of(found, "safety")
-    assert check.reason.startswith("no agent ever leaves the box |e| <= 2, whatever the graph, its switching and the")
+    assert check.reason.startswith(
+        "from |e(0)| <= 2 no agent ever leaves the box |e| <= 2, whatever the graph, its switching and the"
+    )
     assert (check.rate, check.claim.rate) == (0.5, Fraction(1, 2))
     assert "All agents are pinned, so all reach the target for every graph and every motion" in check.reason
     assert "in the region for every graph and every motion, at a rate of at least 0.5 1/s." in found.reason
@@ -237,7 +239,7 @@ def test_the_report_says_for_which_signals_it_holds():
     assert "It holds in mean square for the Markov signal, whatever its first mode." in yes
     assert "It says nothing about other signals." in no
     yes, _ = what_it_means(certify(problem(switching=MOBILE)))
-    assert [text for text in yes if text.startswith("No agent ever leaves the box |e| <= max |e(0)|")]
+    assert [text for text in yes if text.startswith("From every start no agent ever leaves the box |e| <= max |e(0)|")]
 
 
 def test_an_observer_takes_its_part_of_the_box():
@@ -264,7 +266,10 @@ def test_other_proofs_of_a_moving_graph_are_about_the_declared_modes():
     found = certify(own)
     assert found.claims.covered_by == "max-separable"
     assert "every mix of their neighbour sets" in found.reason
-    assert "Graphs that the modes do not list are not covered. No agent ever leaves the box |e| <= 1" in found.reason
+    assert (
+        "Graphs that the modes do not list are not covered. From |e(0)| <= 1 no agent ever leaves the box |e| <= 1"
+        in found.reason
+    )
 
 
 def test_no_simulated_agent_that_moves_leaves_the_box():

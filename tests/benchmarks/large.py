@@ -38,7 +38,7 @@ from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Observer
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region
+from dobc_design.problem.settings import Region, Switching
 
 SIZE = 100_000
 GROWTH = (1000, 10_000, 100_000)
@@ -110,6 +110,23 @@ if wrong is not None:
 again = time.process_time() - started
 print(json.dumps(dict(decided=decided, again=again, peak=peak() - before, rate=check.rate or 0)))
 """
+# `certify` as a whole in a fresh process: CPU time, and the peak of its memory beyond the problem's.
+GUARANTEED = """
+import json, resource, sys, time
+sys.path[:0] = {folders!r}
+from large import in_turn
+from dobc_design.certification.certify import certify
+
+def peak():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 2**20
+
+problem = in_turn({n})
+before, started = peak(), time.process_time()
+found = certify(problem)
+verdict, rate = found.verdict.value, found.rate and float(found.rate)
+print(json.dumps(dict(seconds=time.process_time() - started, peak=peak(), more=peak() - before, said=[verdict, rate])))
+"""
+IN_TURN = (5000, 10_000, 20_000)
 WEIGHTED = ("ring", "chain", "star", "scale free", "geometric")
 WEIGHTED_HEADER = (
     f"{'network':<12} {'n':>8} {'Lemma 1':>10} {'weighted':>10} {'ratio':>7} {'again':>10} {'memory':>9} {'memory':>9}"
@@ -302,6 +319,41 @@ def _alone(kind: str, n: int, what: str) -> dict[str, float]:
     answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     found: dict[str, float] = json.loads(answer.stdout)
     return found
+
+
+def guaranteed_rows() -> Iterator[str]:
+    """`certify` of a geometric network whose arcs are on a quarter at a time, in turn; ratios to the smallest."""
+    yield "     n    arcs  seconds  us/arc  ratio      peak    beyond  ratio  verdict"
+    first: dict[str, float] = {}
+    for n in IN_TURN:
+        arcs = sum(len(mode.listeners) for mode in in_turn(n).network.modes.values())
+        here = Path(__file__).resolve().parent
+        script = GUARANTEED.format(folders=[str(here), str(here.parent / "support")], n=n)
+        answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+        own: dict[str, Any] = json.loads(answer.stdout)
+        first = first or {"time": own["seconds"] / arcs, "memory": own["more"] / arcs}
+        yield (
+            f"{n:>6} {arcs:>7} {own['seconds']:>8.1f} {1e6 * own['seconds'] / arcs:>7.1f}"
+            f" {own['seconds'] / arcs / first['time']:>5.2f}x {own['peak']:>5.0f} MiB {own['more']:>5.0f} MiB"
+            f" {own['more'] / arcs / first['memory']:>5.2f}x  {own['said'][0]}, rate {own['said'][1]}"
+        )
+
+
+def in_turn(n: int) -> Problem:
+    """The geometric network, each arc in one of four modes by lot: none reaches everybody, 5 % are pinned."""
+    listeners, speakers = geometric(n)
+    rng, graph = np.random.default_rng(n), sp.csr_array((np.ones(len(listeners)), (listeners, speakers)), shape=(n, n))
+    lot = rng.integers(0, 4, len(listeners))
+    parts = {name: (listeners[lot == k], speakers[lot == k]) for k, name in enumerate("ABCD")}
+    modes = {name: sp.csr_array((np.ones(len(i)), (i, j)), shape=(n, n)) for name, (i, j) in parts.items()}
+    pinned = set(rng.choice(n, n // 20, replace=False).tolist()) | set(_first_agents(graph))
+    return Problem(
+        network=Network.from_sparse(modes, arrow="listens_to"),
+        coupling="exp(y) - 1 + y",
+        gains=dict.fromkeys(sorted(i + 1 for i in pinned), GAIN),
+        region=Region(initial_states=[-1, 1], initial_disturbance=None),
+        switching=Switching(guarantee="sequence", sequence=list("ABCD"), dwell=1),
+    )
 
 
 def write_problem(kind: str, n: int, folder: str) -> None:

@@ -25,6 +25,7 @@ from evidence import (
     pinning,
     robustness,
     same_bytes,
+    schedules,
     simulations,
     sweeps,
 )
@@ -86,6 +87,8 @@ ITEMS = (
     Item(name="stressed-runs", run=simulations.stressed, count=300, seed=9300, share=20),
     Item(name="stacked-runs", run=simulations.stacked, count=150, seed=9350, share=20),
     Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400, share=60),
+    Item(name="schedules", run=schedules.verdicts, count=500, seed=0, share=33),
+    Item(name="schedule-runs", run=schedules.runs, count=10_000, seed=0, share=100),
     Item(name="sweep", run=sweeps.run, count=2000, seed=0, share=50),
     Item(name="same-bytes", run=same_bytes.run, count=len(same_bytes.NAMES), seed=0, share=6),
     Item(name="notebooks", run=notebooks.run, count=9, seed=0, share=0),  # the slow tests run the short ones

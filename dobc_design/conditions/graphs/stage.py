@@ -106,10 +106,8 @@ def _safe(asked: Asked) -> Check:
                 helps = "" if known else '; a guarantee on time would help (guarantee = "dwell")'
                 reason += f" There is no rate ({who}){helps}."
             else:
-                reason += (
-                    " All agents are pinned, so from there all reach the target for every graph and motion, at least"
-                )
-                reason += f" like exp(-{shorten(claim.rate, digits=4):.4g} t)."
+                reason += " All agents are pinned, so from there all reach the target for every graph and every motion,"
+                reason += f" at least like exp(-{shorten(claim.rate, digits=4):.4g} t)."
             return _check("safety", smaller, claim, reason)
     return undecided_check("safety", asked.domain, str(wrong))
 

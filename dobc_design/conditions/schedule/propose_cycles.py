@@ -240,7 +240,8 @@ def _times(flow: _Flow, path: Any, end: float) -> list[float] | None:
             step /= 2
             if step < end / MOST_STEPS**2:
                 return None
-        times.append(min(now + step, until))
+        after = min(now + step, until)
+        times.append(until if until - after < 1e-6 * end else after)  # no piece of rounding size is left over
         if len(times) > MOST_STEPS:
             return None
     return times

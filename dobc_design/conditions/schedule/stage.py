@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from itertools import chain, islice
+from itertools import chain
 from typing import Any, Final
 
-from dobc_design.conditions.check import Check, undecided_check
+from dobc_design.conditions.check import Check, surviving, undecided_check
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.coverage import Progress, asked_radius
@@ -29,7 +29,7 @@ from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.propose import Asked
 from dobc_design.conditions.separable.checks import obstacle
-from dobc_design.conditions.separable.claim import Separable, acts_by_component
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
 from dobc_design.conditions.separable.propose import design_separable, first_certificate, flatter_plans
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.errors import SpecError, wrong
@@ -228,40 +228,50 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     if (reason := obstacle(problem, W)) is not None:
         return [undecided(reason)]
     report("following the weights from mode to mode")
-    try:
-        with at_most(STAGE):
-            spend(0)
-            claims = list(islice(_cycles(problem, W, asked), 1))
-    except WorkLimitError as limit:
-        return [undecided(str(limit))]
-    except (ArithmeticError, RuntimeError, ValueError) as error:
-        logger.warning("no weights under the guarantee: %s", error)
-        return [undecided("no weights are found: a numerical library broke down.")]
-    if not claims:
-        missed = next(unreached_cycles(problem, phases_of(problem)), None)
-        reason = f"no weights are found that fall for {guarantee_in_words(problem)}."
-        if missed is not None:
-            reason = f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
-        return [undecided(reason)]
-    return [cycles_check(problem, W, claims[0], asked)]
+    for search in (_weighted_cycles, _bare_cycles):
+        try:
+            with at_most(STAGE), surviving("no weights under the guarantee"):
+                spend(0)
+                claim = search(problem, W, asked)
+                if claim is not None:
+                    return [cycles_check(problem, W, claim, asked)]
+        except WorkLimitError as limit:
+            logger.warning("no weights under the guarantee: %s", limit)
+    missed = next(unreached_cycles(problem, phases_of(problem)), None)
+    reason = f"no weights are found that fall for {guarantee_in_words(problem)}."
+    if missed is not None:
+        reason = f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
+    return [undecided(reason)]
 
 
-def _cycles(problem: Problem, W: Matrix | None, asked: Region) -> Iterator[Cycles]:
-    """Claims that are proved and hold the starts asked for: with weights and a rate, else by the graphs alone."""
-    radius, disturbance = claimed(asked.radius), claimed(asked.disturbance)
-    error, exosystem, linear = None, problem.joint_exosystem, problem.is_linear
-    if exosystem is not None:
-        error = (
-            None if W is None else propose_error_bound(exosystem, W, rate=propose.OBSERVER * decay_rate(exosystem, W))
-        )
-        if error is None:
-            return
-        error = replace(error, kappa=Fraction(math.ceil(10**6 / error.beta), 10**6))
-    noise = ZERO if error is None else error.kappa * _root_above(error.size) * disturbance
-    if problem.n * problem.m <= MOST_ROWS:
-        for claim in propose_cycles.propose(problem, W, rho=None if linear else radius + 2 * noise, error=error):
-            if holds_starts(problem, claim, radius=radius, disturbance=disturbance):
-                yield claim
-    claim = Cycles(phases=(), rate=None, rho=None if linear else _up(radius + noise), error=error)
-    if why_not_cycles(problem, W, claim) is None:
-        yield claim
+def _observed(problem: Problem, W: Matrix | None) -> ErrorBound | None:
+    """P, beta, size of the observer, and a kappa for weights of at least 1; None if none is found, or needed."""
+    exosystem = problem.joint_exosystem
+    if exosystem is None or W is None:
+        return None
+    error = propose_error_bound(exosystem, W, rate=propose.OBSERVER * decay_rate(exosystem, W))
+    return None if error is None else replace(error, kappa=Fraction(math.ceil(10**6 / error.beta), 10**6))
+
+
+def _reach(asked: Region, error: ErrorBound | None, times: int) -> Fraction:
+    """How far V may reach at the start, with so many times what the estimation error adds."""
+    noise = ZERO if error is None else error.kappa * _root_above(error.size) * claimed(asked.disturbance)
+    return claimed(asked.radius) + times * noise
+
+
+def _weighted_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:
+    """A claim with weights and a rate that is proved and holds the starts asked for."""
+    error, box = _observed(problem, W), (claimed(asked.radius), claimed(asked.disturbance))
+    if problem.n * problem.m > MOST_ROWS or (problem.groups and error is None):
+        return None
+    rho = None if problem.is_linear else _reach(asked, error, 2)
+    claims = propose_cycles.propose(problem, W, rho=rho, error=error)
+    return next((each for each in claims if holds_starts(problem, each, radius=box[0], disturbance=box[1])), None)
+
+
+def _bare_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:
+    """The same by the graphs alone, without a rate."""
+    error = _observed(problem, W)
+    rho = None if problem.is_linear else _up(_reach(asked, error, 1))
+    claim = Cycles(phases=(), rate=None, rho=rho, error=error)
+    return claim if why_not_cycles(problem, W, claim) is None else None

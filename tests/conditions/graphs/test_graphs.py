@@ -230,7 +230,7 @@ def test_all_pinned_agents_reach_the_target_for_every_graph():
         "from |e(0)| <= 2 no agent ever leaves the box |e| <= 2, whatever the graph, its switching and the"
     )
     assert (check.rate, check.claim.rate) == (0.5, Fraction(1, 2))
-    assert "All agents are pinned, so all reach the target for every graph and every motion" in check.reason
+    assert "All agents are pinned, so from there all reach the target for every graph and every motion" in check.reason
     assert "in the region for every graph and every motion, at a rate of at least 0.5 1/s." in found.reason
 
 

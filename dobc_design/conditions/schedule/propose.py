@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -21,6 +22,7 @@ from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differe
 from dobc_design.conditions.quadratic.propose import fast_lures, linear_rate, raise_rate
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.schedule import decide, propose_cycles
+from dobc_design.conditions.schedule.chords import ACCURACY, Chords
 from dobc_design.conditions.schedule.claim import Last, Tube
 from dobc_design.conditions.schedule.cycles import Cycles, Round, why_not
 from dobc_design.conditions.schedule.rows import Box, MovingRows
@@ -41,12 +43,10 @@ LEVELS: Final = (1.0, 0.3, 0.1, 0.03, 0.01)  # parts of the radius for which cer
 RADII: Final = (0.03, 0.08, 0.16, 0.25)  # of quadratic ones
 ROOM: Final = 0.999  # of a level
 SMALLEST: Final = 1e-300
-MOST_HALVINGS: Final = 40
 OBSERVER: Final = 0.9  # of the decay rate of A - WC: that of E; 0.7 for the observer's pair of quadratic certificates
 PAIR: Final = 0.7
 SHARE: Final = Fraction(9, 10)  # of the rate of E that V = N + kappa E may use
 ABOVE: Final = 1e-7  # of numbers that have to be above a matrix, for rounding
-ACCURACY: Final = 1e-7  # of the faces
 #: By which part of their speed and of the rate near the target faces fall more slowly, and how much a chord may bend.
 TRIED: Final = (
     (0.0005, 0.002),
@@ -59,7 +59,6 @@ TRIED: Final = (
 )
 FIRST_STEP: Final = 1e-4  # times 1 / rate
 MOST_TIMES: Final = 2000
-MOST_NEWTON: Final = 12
 #: Rows n m, and rows and channels of one mode, up to which quadratic certificates are looked for: dense programs.
 MOST_ROWS: Final = 24
 MOST_BLOCK: Final = 90
@@ -123,7 +122,6 @@ class _Path:
     rests: Fraction | None
     times: list[Fraction] = field(default_factory=lambda: [Fraction(0)])
     boxes: list[Array] = field(default_factory=list)
-    slopes: Array | None = None  # how those that the rows ask for change with the box
 
     @np.errstate(all="ignore")  # near the ends of the floats
     def follow(self, limit: float | None) -> bool:
@@ -132,74 +130,31 @@ class _Path:
         goal = goal if self.rests is None else goal * ROOM
         kappa, most = float(self.rests or 0), ROOM * float(self.rows.most)
         longest = LONGEST * math.log(max(radius / goal, 2.0)) / self.fastest if limit is None else limit
-        self.boxes, step = [np.full(2 * self.rows.problem.n, radius)], FIRST_STEP / self.fastest
+        chords = Chords(bend=self.bend, pace=self.fastest, step=FIRST_STEP / self.fastest)
+        self.boxes = [np.full(2 * self.rows.problem.n, radius)]
         while len(self.times) < MOST_TIMES and float(self.times[-1]) < longest:
             now, box = self.times[-1], self.boxes[-1]
-            size = float(box.max()) + kappa * self.load(now)
-            if size <= goal:
+            rests = goal - kappa * self.load(now)
+            if float(box.max()) <= rests:
                 return True
             mode, change = "", None
             if self.turns is not None:
                 place, _, change = self.turns.at(now)
                 mode = self.turns.phases[place].mode
             rows = self.rows.get(mode, self.rows.level(float(box.max())))
-            if rows is None:
+            lands = None if rests <= 0 else rests
+            found = None if rows is None else chords.next(box, now, change, partial(self._asked, rows), lands=lands)
+            if found is None or float(found[1].max()) > most:
                 return False
-            before = self._asked(box, now, rows)
-            found = None
-            for _ in range(MOST_HALVINGS):
-                after = now + Fraction(f"{step:.4g}")
-                after = after if change is None else min(after, change)
-                found, tried = self._next(box, before, now, after, rows), float(after - now)
-                bent = math.inf
-                if found is not None:
-                    bent = float(np.max(np.abs(found[1] - before))) * tried / float(found[0].max())
-                if found is None or bent > 2 * self.bend:
-                    step = tried / 2
-                    continue
-                left = float(found[0].max()) + kappa * self.load(after)
-                if left >= goal * ROOM:
-                    break
-                step = tried * (size - goal) / (size - left)  # to end where the tolerance is reached
-            if found is None or bent > 2 * self.bend:
-                return False
-            step = tried * min(2.0, math.sqrt(self.bend / max(bent, self.bend / 4)))
-            self.times.append(after)
-            self.boxes.append(found[0])
-            if float(found[0].max()) > most:
-                return False
+            self.times.append(found[0])
+            self.boxes.append(found[1])
         return limit is not None and len(self.times) < MOST_TIMES
 
-    def _asked(self, box: Array, t: Fraction, rows: MovingRows) -> Array:
+    def _asked(self, rows: MovingRows, boxes: Array, t: Fraction) -> Array:
         """The slopes of the faces that the rows ask for, and a little more."""
-        faces = box.reshape(1, 2, -1)
-        asked = rows.needed(Box.floats(faces), np.array([self.load(t)]))
-        return np.asarray(asked + self.slack * (np.abs(asked) + self.fastest * faces)).ravel()
-
-    def _next(
-        self, box: Array, before: Array, now: Fraction, after: Fraction, rows: MovingRows
-    ) -> tuple[Array, Array] | None:
-        """The box at the end of a chord, and what is asked there, by Newton's method; None if it does not settle."""
-        length, found, last = float(after - now), box.copy(), math.inf
-        for _ in range(MOST_NEWTON):
-            asked = self._asked(found, after, rows)
-            missed = box + length * np.maximum(before, asked) - found
-            left = float(np.max(np.abs(missed) / found))
-            if left <= ACCURACY * length * self.fastest:
-                return found, asked
-            if self.slopes is None or left > last / 4:
-                self.slopes = self._change(found, asked, after, rows)
-            last = left
-            J = np.where((asked >= before)[:, None], self.slopes, 0.0)
-            found = np.maximum(found + np.linalg.solve(np.eye(len(box)) - length * J, missed), found / 4)
-        return None
-
-    def _change(self, box: Array, asked: Array, t: Fraction, rows: MovingRows) -> Array:
-        widths = 1e-6 * box
-        moved = (box + np.diag(widths)).reshape(len(box), 2, -1)
-        found = rows.needed(Box.floats(moved), np.full(len(box), self.load(t)))
-        found += self.slack * (np.abs(found) + self.fastest * moved)
-        return np.asarray((found.reshape(len(box), -1) - asked).T / widths)
+        faces = boxes.reshape(len(boxes), 2, -1)
+        asked = rows.needed(Box.floats(faces), np.full(len(boxes), self.load(t)))
+        return np.asarray(asked + self.slack * (np.abs(asked) + self.fastest * faces)).reshape(boxes.shape)
 
     def load(self, t: Fraction) -> float:
         """|C eps_i| at most."""

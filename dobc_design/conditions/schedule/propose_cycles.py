@@ -15,10 +15,10 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from dobc_design.conditions.schedule.cycles import Cycles, Phase, Weights, phases_of, why_not
+from dobc_design.conditions.schedule.chords import Chords
+from dobc_design.conditions.schedule.cycles import ZERO, Cycles, Phase, Weights, phases_of, why_not
 from dobc_design.conditions.schedule.rows import MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import ErrorBound
 from dobc_design.exact.matrix import Matrix
@@ -28,31 +28,28 @@ from dobc_design.solvers.program import Array
 
 STEEPEST: Final = 1e6  # weights at most, the least at a beginning 1
 FAR: Final = 5.0  # and times rho, where couplings are not linear
-SIZES: Final = (0.0, 0.5, 1.0)  # of rho, at which rows are looked at
+SIZES: Final = (1e-6, 0.5, 1.0)  # of rho, at which rows are looked at
 ITERATIONS: Final = 400  # of x = max (1, G(x)), which are cheap where it is linear
 FOLLOWED: Final = 6
 SETTLED: Final = 1e-7
-#: Parts of the estimated rate, and by how much weights fall more slowly than they might, as a part of their speed and
-#: of that rate.
+#: Parts of the estimated rate; by which part of their speed and of that rate weights fall more slowly; and how much a
+#: chord may bend.
 TRIED: Final = (
-    (0.96, 0.005),
-    (0.93, 0.01),
-    (0.87, 0.02),
-    (0.8, 0.03),
-    (0.65, 0.05),
-    (0.4, 0.1),
-    (0.15, 0.2),
-    (0.04, 0.3),
+    (0.98, 0.0002, 0.0001),
+    (0.94, 0.0002, 0.0001),
+    (0.87, 0.0002, 0.0001),
+    (0.8, 0.0005, 0.0003),
+    (0.65, 0.002, 0.001),
+    (0.4, 0.01, 0.01),
+    (0.15, 0.05, 0.05),
+    (0.04, 0.2, 0.2),
 )
 ROOM: Final = 0.998  # of a rate, that is claimed
-EARLY: Final = 4.0  # times that, more at the beginning of a phase, where it bends
-LONG: Final = 4.0  # times that bend, as short as a phase may be for that
-STEPS: Final = 8  # of a phase at least
-ENDS: Final = 24  # parts of the times at which it may end
-MOST_STEPS: Final = 1000
+ENDS: Final = 24  # parts of the times at which a phase may end
+MOST_STEPS: Final = 300
 TAILS: Final = 8  # times that a phase without an end is doubled until its rows hold with weights at rest
-ACCURACY: Final = 1e-7
-LOOKED_AT: Final = (0.0, 0.5, 1.0)  # parts of a segment
+
+Way = list[tuple[Fraction, Array]]  # times (s) from the beginning of a phase, and weights there
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,27 +61,28 @@ class _Flow:
     sizes: tuple[float, ...]
     slack: float
     pace: float  # 1/s, about the rate
+    bend: float
 
-    def slopes(self, v: Array, early: float = 0.0) -> Array:
-        found = self.rows.pull(np.maximum(v, 0.0), self.sizes)
-        return np.asarray(found + self.slack * (1 + EARLY * early) * (np.abs(found) + self.pace * v))
+    def asked(self, v: Array, t: Fraction = ZERO) -> Array:
+        """The slopes (count, n) that rows ask of weights (count, n), and a little more."""
+        found = self.rows.pull(v, self.sizes)
+        return np.asarray(found + self.slack * (np.abs(found) + self.pace * v))
 
-    def path(self, start: Array, end: float) -> Any:
-        """Weights over [0, end] as a function of time."""
-        options = {"method": "LSODA", "dense_output": True, "rtol": ACCURACY, "atol": ACCURACY * float(start.max())}
-        fast = float(np.max(np.abs(self.slopes(start)) / start))
-        early = max(0.0, 1 - LONG / (fast * end))
-        return solve_ivp(lambda t, v: self.slopes(v, early * math.exp(-fast * t)), (0.0, end), start, **options).sol
-
-    def end(self, start: Array, rate: float) -> float | None:
-        """The last time (s) that is followed; None if a phase without one never keeps its weights."""
-        if self.phase.longest is not None:
-            return float(self.phase.longest)
+    def way(self, start: Array, rate: float) -> Way | None:
+        """Until its longest time; without one until the weights keep their place.  None if none is found."""
+        nodes = _ends(self.phase.shortest, self.phase.longest or self.phase.shortest)
+        way, last = [(ZERO, start)], self.phase.longest
+        chords = Chords(bend=self.bend, pace=self.pace, step=float(self.phase.shortest) / ENDS)
         for k in range(TAILS):
-            end = float(self.phase.shortest) * 2**k
-            v = self.path(start, end)(end)
-            if np.all(self.slopes(v) <= -rate * v):
-                return float(end)
+            for node in nodes:
+                while way[-1][0] < node:
+                    found = chords.next(way[-1][1], way[-1][0], node, self.asked)
+                    if found is None or len(way) > MOST_STEPS:
+                        return None
+                    way.append(found)
+            if last is not None or np.all(self.asked(way[-1][1][None])[0] <= -rate * way[-1][1]):
+                return way
+            nodes = [self.phase.shortest * 2 ** (k + 1)]
         return None
 
 
@@ -101,10 +99,13 @@ def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: 
     linear, top = _Linear.of(problem, phases), late_rate(problem)
     if linear is None or not top > 0:
         return
-    for part, slack in TRIED:
+    for part, slack, bend in TRIED:
         most = top if error is None else min(top, float(error.beta))
         rate, faster = part * most, (1 + part) / 2 * most
-        flows = [_Flow(phase=phase, rows=known[phase.mode], sizes=sizes, slack=slack, pace=top) for phase in phases]
+        flows = [
+            _Flow(phase=phase, rows=known[phase.mode], sizes=sizes, slack=slack, pace=top, bend=bend)
+            for phase in phases
+        ]
         ones = [np.ones(problem.n) for _ in phases]
         x = _settled(partial(linear.step, rate=faster), ones, most=steepest, steps=10 * ITERATIONS)
         x = None if x is None else _settled(partial(_step, flows, rate=rate), x, most=steepest, steps=FOLLOWED)
@@ -120,20 +121,12 @@ def late_rate(problem: Problem) -> float:
     return 0.0 if linear is None else linear.estimate(problem.n)
 
 
-def _handed(flow: _Flow, start: Array, rate: float) -> Array | None:
-    """The largest exp(rate t) v(t) over the times at which the phase may end."""
-    if (end := flow.end(start, rate)) is None:
-        return None
-    path = flow.path(start, end)
-    return _most([(t, path(t)) for t in _ends(float(flow.phase.shortest), end)], rate)
-
-
-def _ends(first: float, last: float) -> list[float]:
+def _ends(first: Fraction, last: Fraction) -> list[Fraction]:
     """Times at which a phase may end, as close as its weights are then compared."""
-    return [first] if first == last else [float(t) for t in np.linspace(first, last, ENDS + 1)]
+    return [first] if first == last else [first + (last - first) * k / ENDS for k in range(ENDS + 1)]
 
 
-def _most(way: Sequence[tuple[float, Array]], rate: float) -> Array:
+def _most(way: Sequence[tuple[Fraction, Array]], rate: float) -> Array:
     """exp(rate t) v(t) at most, between two times with the larger v and the later one."""
     later = [math.exp(rate * b) * np.maximum(v, w) for (_, v), (b, w) in pairwise(way)]
     return np.asarray(np.max([math.exp(rate * way[0][0]) * way[0][1], *later], axis=0))
@@ -143,9 +136,10 @@ def _step(flows: Sequence[_Flow], x: Sequence[Array], rate: float) -> list[Array
     """G(x)."""
     found = [np.zeros_like(each) for each in x]
     for flow, start in zip(flows, x, strict=True):
-        handed = _handed(flow, start, rate)
-        if handed is None:
+        way = flow.way(start, rate)
+        if way is None:
             return None
+        handed = _most([each for each in way if each[0] >= flow.phase.shortest], rate)
         for q in flow.phase.successors:
             found[q] = np.maximum(found[q], handed)
     return found
@@ -156,19 +150,18 @@ class _Linear:
     """The same for the linearisation at the target: products of matrices, for phases of finite and of any length."""
 
     phases: Sequence[Phase]
-    ways: Sequence[Sequence[tuple[float, Array]]]  # of each phase: times at which it may end, and the map until then
+    ways: Sequence[Way]  # of each phase: times at which it may end, and the map until then
 
     @classmethod
     def of(cls, problem: Problem, phases: Sequence[Phase]) -> _Linear | None:
-        ways, m = list[list[tuple[float, Array]]](), problem.m
+        ways, m = list[Way](), problem.m
         for phase in phases:
             jacobian = consensus_jacobian(problem, phase.mode)
             if jacobian is None:
                 return None
             M = np.asarray((jacobian - pinning_matrix(problem)).todense())[::m, ::m]
-            first = float(phase.shortest)
-            last = first * 2 if phase.longest is None else float(phase.longest)
-            ways.append([(t, expm(M * t)) for t in _ends(first, last)])
+            last = phase.shortest * 2 if phase.longest is None else phase.longest
+            ways.append([(t, expm(M * float(t))) for t in _ends(phase.shortest, last)])
         return cls(phases=phases, ways=ways)
 
     def step(self, x: Sequence[Array], rate: float) -> list[Array]:
@@ -190,7 +183,7 @@ class _Linear:
                 return 0.0
             shrinking.append(-math.log(size))
             x = [each / size for each in found]
-        mean = sum(way[-1][0] for way in self.ways) / len(self.ways)
+        mean = float(sum(way[-1][0] for way in self.ways)) / len(self.ways)
         return sum(shrinking[ITERATIONS // 2 :]) / (ITERATIONS - ITERATIONS // 2) / mean
 
 
@@ -211,44 +204,14 @@ def _claim(
 ) -> Cycles | None:
     phases = []
     for flow, start in zip(flows, x, strict=True):
-        end = flow.end(start, rate)
-        times = None if end is None else _times(flow, path := flow.path(start, end), end)
-        if times is None:
+        way = flow.way(start, rate)
+        if way is None:
             return None
-        exact = [Fraction(f"{t:.9g}") for t in times]
-        fixed = {float(each): each for each in (flow.phase.shortest, flow.phase.longest) if each is not None}
-        exact = [fixed.get(t, each) for t, each in zip(times, exact, strict=True)]
-        v = tuple(tuple(Fraction(f"{x * (1 + 1e-8):.9g}") for x in path(t).tolist()) for t in times)
-        phases.append(Weights(times=tuple(exact), v=v))
+        v = tuple(tuple(Fraction(f"{x * (1 + 1e-8):.9g}") for x in point.tolist()) for _, point in way)
+        phases.append(Weights(times=tuple(t for t, _ in way), v=v))
     claimed = Fraction(f"{rate * ROOM:.6g}")
     if error is not None:
         least = min(x for each in phases for v in each.v for x in v)
         kappa = Fraction(math.ceil(10**6 / ((error.beta - claimed) * least)), 10**6)
         error = ErrorBound(P=error.P, beta=error.beta, kappa=kappa, size=error.size)
     return Cycles(phases=tuple(phases), rate=claimed, rho=rho, error=error)
-
-
-def _times(flow: _Flow, path: Any, end: float) -> list[float] | None:
-    """Times at which the chords of the path keep the rows, as far as is seen; the shortest time of the phase is one."""
-    times, nodes = [0.0], _ends(float(flow.phase.shortest), end)
-    step = end / STEPS
-    while times[-1] < end:
-        now = times[-1]
-        until = next(t for t in nodes if t > now)
-        step = min(2 * step, end / STEPS)
-        while not _fits(flow, path, now, min(now + step, until)):
-            step /= 2
-            if step < end / MOST_STEPS**2:
-                return None
-        after = min(now + step, until)
-        times.append(until if until - after < 1e-6 * end else after)  # no piece of rounding size is left over
-        if len(times) > MOST_STEPS:
-            return None
-    return times
-
-
-def _fits(flow: _Flow, path: Any, start: float, end: float) -> bool:
-    before, after = path(start), path(end)
-    slope = (after - before) / (end - start)
-    chord = (before + part * (after - before) for part in LOOKED_AT)
-    return all(np.all(flow.rows.pull(v, flow.sizes) <= slope + ACCURACY * np.abs(slope)) for v in chord)

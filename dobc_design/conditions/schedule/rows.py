@@ -136,14 +136,11 @@ class MovingRows:
         return found
 
     def pull(self, v: Array, sizes: Sequence[float]) -> Array:
-        """The slopes (n,) that the rows ask of weights v (n,) standing still, on both faces for these s; about."""
-        box, worst = Box.floats(np.stack([v, v])[None]), np.full(self.size, -np.inf)
-        for face in FACES:
-            arcs = self._arcs(box, box, face)
-            piece = Piece(arcs, face, self.kinds, np.arange(len(arcs.gains)))
-            for s in sizes:
-                worst = np.maximum(worst, piece.at(s).reshape(self.modes, self.size).max(axis=0))
-        return worst - self.holds * v
+        """The slopes (count, n) that the rows ask of weights v (count, n) standing still, on both faces for these s;
+        about."""
+        boxes = np.stack([v, v], axis=1)
+        none = np.zeros(len(v))
+        return np.asarray(np.max([self.needed(Box.floats(s * boxes), none).max(axis=1) / s for s in sizes], axis=0))
 
     def open_segments(
         self,

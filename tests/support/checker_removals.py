@@ -33,6 +33,9 @@ FIRST = {
 EQUIVALENT = {
     "min(whole) > 0": "conjugate gradients stop at the first direction of curvature <= 0; as long as they run, M is"
     " positive on all they have seen, so that a v with M v > 0 comes out positive but for rounding errors.",
+    "len(M) > 20": "it chooses which proof is tried first; by_vector is one for every size.",
+    "math.isfinite(found)": "every operation on intervals refuses a result that is not below LARGEST, so that no slope"
+    " is infinite.",
     "done > PIECES or not a < middle < b": "it ends the search: without it a row that is not shown is cut for ever.",
     "size <= EQUATIONS": "it bounds the work; what is shown beyond it is true.",
     "size <= ROWS": "it bounds the work.",

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, network, scalar
+from checker_cases import EACH_OTHER, FAILS, HOLDS, UNREADABLE, Case, Document, network, scalar
 from cycles_cases import bent
-from region_cases import ball, box, claim, doubles
+from region_cases import ball, box, claim, doubles, second_box
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
@@ -38,6 +38,13 @@ PUSHED: Document = {
     "network": network({"A": [[1, 2]], "B": [[2, 1]]}, agents=2),
     "coupling": "-y",
     "gains": {1: "1/2", 2: 3},
+}
+#: In mode A the agents can rest at -y/2 and y/2 with 2 sin y + y/10 = 0, near y = 3.3.
+SECOND: Document = {
+    "network": network({"A": EACH_OTHER, "B": [[2, 1]]}, agents=2),
+    "coupling": "sin(y)",
+    "gains": "1/10",
+    "region": {"initial_states": [-5, 5]},
 }
 PLANE: Document = {"target": [0, 0], "gains": {1: 1, 2: [[1, 2], [-2, 1]]}}
 ALL: Document = {"gains": {1: 1, 2: "1/2"}}
@@ -76,6 +83,8 @@ def _settings() -> dict[str, tuple[Document, Document]]:
         "pushed, in turn": (PUSHED, {"guarantee": "sequence", "dwell": 1, "sequence": ["A", "B"]}),
         "pushed, over and over": (PUSHED, {"guarantee": "sequence", "dwell": 1, "sequence": ["A"]}),
         "pushed, arbitrary": (PUSHED, {"guarantee": "arbitrary"}),
+        "second, any signal": (SECOND, {"guarantee": "arbitrary"}),
+        "second, in turn": (SECOND, {"guarantee": "sequence", "dwell": 1, "sequence": ["A", "B"]}),
         "moving": (LINK, MOVES),
         "moving, falling": (LINK | {"coupling": "-y"}, MOVES),
         "moving, flat": (LINK | {"coupling": "y**3"}, MOVES),
@@ -315,7 +324,11 @@ def _bent_safety() -> Iterator[Case]:
 
 
 def _unstable() -> Iterator[Case]:
-    """An unstable mode in which no signal may stay refutes nothing."""
+    """An unstable mode in which no signal may stay refutes nothing, nor does a place of rest."""
+    place = second_box()
+    place["exact"]["mode"] = "A"
+    yield _case("second, any signal", HOLDS, place, "another equilibrium")
+    yield _case("second, in turn", FAILS, place, "another equilibrium")
     left: Document = {"verdict": "undecided"}
     for name in ("pushed", "pushed, leaves", "pushed, not long", "pushed, in turn"):
         yield _case(name, HOLDS, None, "left open", **left)

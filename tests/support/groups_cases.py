@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any
 
 import sympy as sp
-from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, Document, about, bend, network, scalar
+from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, Document, about, bare, bend, network, scalar
 from linked import linked
 from quadratic_cases import quadratic
 from region_cases import claim
@@ -132,7 +132,7 @@ def _rational(rows: list[list[str]]) -> sp.Matrix:
 
 def _with_matrices(name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, str, Document], what: str) -> Case:
     """The certificate with these W and P, and everything that follows from them."""
-    copied, parts = document(name), json.loads(_originals()[name][1])["exosystem"]["groups"]
+    copied, parts = bare(document(name)), json.loads(_originals()[name][1])["exosystem"]["groups"]
     A, C = (sp.diag(*(_rational(part[key]) for part in parts)) for key in "AC")
     F = A - W * C
     S = C * (-(P * F + F.T * P)).inv() * C.T
@@ -140,7 +140,7 @@ def _with_matrices(name: str, W: sp.Matrix, P: sp.Matrix, *changes: tuple[str, s
     exact = {"P": _texts(P), "Q": _texts(P * W), "S": _texts(S)}
     exact |= {"bound": str(-S[0, 0])} if S[0, 0] * sp.eye(S.rows) == S else {}
     bend(check(copied, "theorem1"), {"exact": exact, "margin": 0, "rate": None})
-    bend(copied, {"rate": None})
+    bend(copied, {"rate": None, "covered_by": "theorem1"})
     for id, group, values in changes:
         bend(check(copied, id, group), values)
     return Case(f"groups: {name}: {what}", json.dumps(copied).encode(), _originals()[name][1], FAILS)

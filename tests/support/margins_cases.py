@@ -7,7 +7,7 @@ import json
 from functools import cache
 from typing import Any
 
-from checker_cases import FAILS, HOLDS, Case
+from checker_cases import FAILS, HOLDS, UNREADABLE, Case
 
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
@@ -30,11 +30,12 @@ def one(**more: Any) -> Problem:
 
 
 def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, without: str = "", **changes: Any) -> Case:
-    """The certificate with other parts of a check, keys of ``exact`` by name; ``table``: other [actuators] and xi0."""
+    """The certificate with other parts of a check or of ``exact``; ``limit``, ``table``: other [actuators] and xi0."""
     document, claims = json.loads(canonical_bytes(problem)), json.loads(certificate_bytes(certify(problem).claims))
     check = next(each for each in claims["checks"] if each["id"] == id)
     for key, value in changes.items():
-        (check if key in ("rate", "domain") else check["exact"])[key] = value
+        place = document["actuators"] if key == "limit" else check if key in ("rate", "domain") else check["exact"]
+        place[key] = value
     if without == "max-separable":
         claims["checks"] = [each for each in claims["checks"] if each["id"] != without]
     if without == "actuators":
@@ -74,6 +75,7 @@ def margins_cases() -> list[Case]:
         bent(seen, "tolerance", domain="global"),
         bent(seen, "tolerance", rate=0.001),
         bent(unknown, "tolerance", eta="0"),
+        bent(limited, "actuators", limit={"1": "9", "2": "9"}, code=UNREADABLE),
         bent(limited, "actuators", rate=0.1),
         bent(limited, "actuators", rho="1000", inputs={"1": "9"}),
         bent(one(region=REGION, actuators={}), "actuators", rho="1000", inputs={"1": "9000"}),

@@ -3,22 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any, Literal, TypeVar
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import Number
 from dobc_design.problem.load import Source, load_problem
+from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.claim import Design, TradeOff, read_design_request
 from dobc_design.synthesis.joint.search import search_design, trade_off_of
 from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, SpectralRegion, read_observer_request
 from dobc_design.synthesis.observer.search import search_groups
 from dobc_design.synthesis.pinning.claim import PinningDesign, read_request
 from dobc_design.synthesis.pinning.search import search_pinning, search_region
+from dobc_design.verdict import Verdict
 
 Each = Number | Mapping[str | int, Number]  # one for all agents, or by label
 Labels = Collection[str | int]
 Noise = Number | NoiseLimit | Sequence[NoiseLimit]
+Found = TypeVar("Found", Design, PinningDesign)
+
+
+#: Kinds of statements that are about arbitrary switching.
+OF_ALL_SIGNALS = ("structure", "pins", "rate", "max_gain")
+
+
+def _under_guarantee(problem: Problem, found: Found) -> Found:
+    """What cannot be done under arbitrary switching may be possible where modes keep a guarantee, which designs do not
+    look at: then nothing is refuted."""
+    own, kinds = problem.switching, {each.kind for each in found.statements}
+    known = own is not None and own.guarantee not in (None, "arbitrary") and len(problem.network.modes) > 1
+    if not known or found.verdict is not Verdict.REFUTED or not kinds & set(OF_ALL_SIGNALS):
+        return found
+    more = " Less may do under the guarantee of [switching], which designs do not look at: certify gains of your own."
+    return replace(found, verdict=Verdict.UNDECIDED, reason=found.reason + more, statements=(), nearest=None)
 
 
 def design_observer(
@@ -90,7 +109,7 @@ def design_pinning(
     request = read_request(problem.network.labels, rate=rate, **limits)
     report = report_to(progress)
     if region is None:
-        return search_pinning(problem, request, report)
+        return _under_guarantee(problem, search_pinning(problem, request, report))
     report("looking for gains for the whole region")
     return search_region(problem, request, region)
 
@@ -128,7 +147,7 @@ def design(
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     how: dict[str, Any] = {"digits": digits, "reduce": reduce, "conservative": conservative}
     request = read_design_request(problem.network.labels, **how, **limits)
-    return search_design(problem, request, report_to(progress))
+    return _under_guarantee(problem, search_design(problem, request, report_to(progress)))
 
 
 @shows_progress

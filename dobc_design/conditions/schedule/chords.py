@@ -26,12 +26,13 @@ Asked = Callable[[Array, Fraction], Array]
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class Chords:
-    """``bend``: by how much the slopes at both ends of a chord may differ, times its length, as a part of the largest
-    entry.  ``pace`` (1/s): the rate by which accuracy is measured."""
+    """``bend``: by how much the slopes at both ends of a chord may differ, times its length, as a part of the entry, or
+    the ``floor`` if it is less; without one of the largest entry.  ``pace`` (1/s): the rate that measures accuracy."""
 
     bend: float
     pace: float
     step: float
+    floor: float | None = None
     change: Array | None = None  # of the slopes with the point
 
     def next(
@@ -44,7 +45,10 @@ class Chords:
             after = now + Fraction(f"{self.step:.4g}")
             after = after if until is None or after < until else until
             length, found = float(after - now), self._end(point, before, now, after, asked)
-            bent = math.inf if found is None else float(np.max(np.abs(found[1] - before))) * length / found[0].max()
+            bent = math.inf
+            if found is not None:
+                scale = found[0].max() if self.floor is None else np.maximum(found[0], self.floor)
+                bent = float(np.max(np.abs(found[1] - before) / scale)) * length
             if found is None or not bent <= 2 * self.bend:
                 self.step = length / 2
                 continue

@@ -30,7 +30,7 @@ STEEPEST: Final = 1e6  # weights at most, the least at a beginning 1
 FAR: Final = 5.0  # and times rho, where couplings are not linear
 SIZES: Final = (1e-6, 0.5, 1.0)  # of rho, at which rows are looked at
 ITERATIONS: Final = 400  # of x = max (1, G(x)), which are cheap where it is linear
-FOLLOWED: Final = 6
+FOLLOWED: Final = 3
 SETTLED: Final = 1e-7
 #: Parts of the estimated rate; by which part of their speed and of that rate weights fall more slowly; and how much a
 #: chord may bend.
@@ -46,7 +46,7 @@ TRIED: Final = (
 )
 ROOM: Final = 0.998  # of a rate, that is claimed
 ENDS: Final = 24  # parts of the times at which a phase may end
-MOST_STEPS: Final = 300
+MOST_STEPS: Final = 500
 TAILS: Final = 8  # times that a phase without an end is doubled until its rows hold with weights at rest
 
 Way = list[tuple[Fraction, Array]]  # times (s) from the beginning of a phase, and weights there
@@ -72,7 +72,7 @@ class _Flow:
         """Until its longest time; without one until the weights keep their place.  None if none is found."""
         nodes = _ends(self.phase.shortest, self.phase.longest or self.phase.shortest)
         way, last = [(ZERO, start)], self.phase.longest
-        chords = Chords(bend=self.bend, pace=self.pace, step=float(self.phase.shortest) / ENDS)
+        chords = Chords(bend=self.bend, pace=self.pace, step=float(self.phase.shortest) / ENDS, floor=1.0)
         for k in range(TAILS):
             for node in nodes:
                 while way[-1][0] < node:

@@ -138,9 +138,10 @@ class MovingRows:
     def pull(self, v: Array, sizes: Sequence[float]) -> Array:
         """The slopes (count, n) that the rows ask of weights v (count, n) standing still, on both faces for these s;
         about."""
-        boxes = np.stack([v, v], axis=1)
-        none = np.zeros(len(v))
-        return np.asarray(np.max([self.needed(Box.floats(s * boxes), none).max(axis=1) / s for s in sizes], axis=0))
+        s = np.repeat(np.array(sizes), len(v))[:, None, None]
+        boxes = np.tile(np.stack([v, v], axis=1), (len(sizes), 1, 1))
+        asked = self.needed(Box.floats(s * boxes), np.zeros(len(boxes))) / s
+        return np.asarray(asked.max(axis=1).reshape(len(sizes), *v.shape).max(axis=0))
 
     def open_segments(
         self,

@@ -187,3 +187,16 @@ def test_the_smallest_gains_and_the_price_of_the_rate_are_those_of_closed_forms(
         found = search.smallest([0], {}, rate)
         assert sum(found.gains.values()) == pytest.approx(total)
         assert found.rate_price == pytest.approx(slope)
+
+
+def test_under_a_guarantee_nothing_is_refuted_that_holds_for_arbitrary_switching_only():
+    """One pin does where A and B are on in turn; each of three agents hears nobody in one of the modes."""
+    arcs = {"A": [[3, 2], [1, 2]], "B": [[2, 1]]}
+    network = dd.Network.from_arcs(arcs, arrow="listens_to", agents=3)
+    turns = dd.Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
+    for switching, verdict in ((turns, Verdict.UNDECIDED), (None, Verdict.REFUTED)):
+        problem = dd.Problem(network=network, coupling="y", gains={1: 1}, switching=switching)
+        found = dd.design(problem, pins=1)
+        assert found.verdict is verdict
+        assert ("guarantee of [switching]" in found.reason) == (switching is not None)
+        assert dd.design_pinning(problem, rate="1/10", pins=1).verdict is verdict

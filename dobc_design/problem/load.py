@@ -427,7 +427,7 @@ def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
         with kept(errors):
             read = partial(_mode, index=index, arrow=table.arrow, folder=folder)
             found = _subsets(name, value, read, key=key)
-            again = found.keys() & (modes.keys() | (table.modes.keys() - {name}))
+            again = [each for each in found if each in modes or (each != name and each in table.modes)]
             if again:
                 raise wrong(key, f"makes a mode {shown(min(again))}, which there is already.", "Rename one of the two.")
             modes |= found

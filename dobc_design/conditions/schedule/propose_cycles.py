@@ -30,7 +30,7 @@ STEEPEST: Final = 1e6  # weights at most, the least at a beginning 1
 FAR: Final = 5.0  # and times rho, where couplings are not linear
 SIZES: Final = (1e-6, 0.5, 1.0)  # of rho, at which rows are looked at
 ITERATIONS: Final = 400  # of x = max (1, G(x)), which are cheap where it is linear
-FOLLOWED: Final = 3
+FOLLOWED: Final = 6
 SETTLED: Final = 1e-7
 #: Parts of the estimated rate; by which part of their speed and of that rate weights fall more slowly; and how much a
 #: chord may bend.

@@ -238,14 +238,12 @@ def test_half_a_ring_at_a_time_holds_by_the_graphs():
 
 
 @pytest.mark.slow
-def test_where_weights_are_not_known_the_graphs_decide():
-    """Half a ring hears at a time: far out, where exp is steep, the box has no weights of a moderate shape."""
+def test_half_a_ring_at_a_time_has_a_rate_from_far_out():
+    """Where exp is steep it is far below that near the target; by the graphs alone there would be none."""
     result = certify(ring({1: 5, 6: 5}, region={"initial_states": [-4, 4]}))
     check = schedule_of(result)
     assert check.verdict is Verdict.PROVED, check.reason
-    assert check.rate is None
-    assert check.claim.phases == ()
-    assert "every error decays." in check.reason
+    assert 0.05 < check.rate < 0.4818
     document = json.loads(certificate_bytes(result.claims))
     assert recheck(certificate_bytes(result.claims), result.problem).holds
     (bent,) = [each for each in document["checks"] if each["id"] == "schedule"]
@@ -279,8 +277,8 @@ def test_half_a_ring_at_a_time_settles_nearly_as_soon_as_its_slowest_run(pins, d
     for sign in (-4, 4):
         run = simulate(own, start=[[sign]] * 10, t_final=settling.time, samples=2000)
         largest = np.abs(run.x[:, :, 0]).max(axis=1)
-        assert np.all(largest <= settling.envelope(run.time) * (1 + 1e-6))
-        assert run.time[np.flatnonzero(largest > 0.04)[-1]] <= settling.time
+        assert np.all(largest <= settling.envelope(run.times) * (1 + 1e-6))
+        assert run.times[np.flatnonzero(largest > 0.04)[-1]] <= settling.time
 
 
 def test_starts_are_those_of_phases_that_may_be_first():

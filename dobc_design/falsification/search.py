@@ -369,7 +369,6 @@ STEPS = 60
 CLOSE = 1e-11  # |F|_inf of a root, relative to the slopes and to the size of e
 AT_TARGET = 1e-4  # |e|_inf below which a root is the target, relative to the farthest point
 SAME = 1e-6  # relative distance of roots that are one
-MOST_DAMPING = 1e8
 
 
 def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:

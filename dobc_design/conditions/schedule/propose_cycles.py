@@ -86,7 +86,6 @@ class _Flow:
         return None
 
 
-@np.errstate(all="ignore")
 def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: ErrorBound | None) -> Iterator[Cycles]:
     """Claims that are proved for weights whose least at the beginning of phases is 1, the fastest first."""
     phases, reach = phases_of(problem), Fraction(1) if rho is None else rho
@@ -96,7 +95,8 @@ def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: 
     if len(known) < len(rows):
         return
     sizes = (1.0,) if rho is None else tuple(part * float(rho) for part in SIZES)
-    linear, top = _Linear.of(problem, phases), late_rate(problem)
+    linear = _Linear.of(problem, phases)
+    top = 0.0 if linear is None else linear.estimate(problem.n)
     if linear is None or not top > 0:
         return
     for part, slack, bend in TRIED:
@@ -187,6 +187,7 @@ class _Linear:
         return sum(shrinking[ITERATIONS // 2 :]) / (ITERATIONS - ITERATIONS // 2) / mean
 
 
+@np.errstate(all="ignore")  # near the ends of the floats
 def _settled(step: Any, x: list[Array], *, most: float, steps: int) -> list[Array] | None:
     """x >= max (1, G(x)), from a smaller one; None if it grows too far."""
     for _ in range(steps):
@@ -199,6 +200,7 @@ def _settled(step: Any, x: list[Array], *, most: float, steps: int) -> list[Arra
     return None
 
 
+@np.errstate(all="ignore")
 def _claim(
     flows: Sequence[_Flow], x: Sequence[Array], rate: float, rho: Fraction | None, error: ErrorBound | None
 ) -> Cycles | None:

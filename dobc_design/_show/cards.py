@@ -87,6 +87,15 @@ class Told(Shown):
         return Card(title=type(self).__name__, text=str(self))
 
 
+class Headed(Shown):
+    """Shows itself at the prompt by the first line of its text."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {str(self).partition(chr(10))[0]}>"
+
+
 def own_fields(value: object) -> Iterator[tuple[str, Any]]:
     """Names and values of the fields of a dataclass that say something: not None and not empty."""
     for each in fields(value):  # type: ignore[arg-type]  # any dataclass

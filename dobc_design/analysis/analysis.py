@@ -15,7 +15,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from dobc_design._checks import require_shape, require_square
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Headed
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
 from dobc_design.problem.arrays import (
     Gain,
@@ -185,7 +185,7 @@ class ModeSpectrum:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Analysis(Shown):
+class Analysis(Headed):
     """Diagnostics of a problem, one entry per mode in ``graphs`` and ``modes``.
 
     ``observability`` is None without an exosystem, ``spectrum`` also without an observer gain.
@@ -209,9 +209,6 @@ class Analysis(Shown):
 
     def _card(self) -> Card:
         return Card(title=self.name, text="(diagnostics, not proofs)", lines=self.lines)
-
-    def __repr__(self) -> str:
-        return f"<Analysis of {self.name}, {len(self.modes)} modes>"
 
 
 def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:

@@ -6,11 +6,11 @@ h(0) = 0 is shown in exact arithmetic; slopes at 0 are exact where they are rati
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import InitVar, dataclass
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +26,7 @@ from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import NumberText, counted, is_list, shown
 
+T = TypeVar("T")
 NEARZERO = Interval(Fraction(-1, 2**40), Fraction(1, 2**40))
 _LONGEST_SUGGESTION = 100
 _LONGEST_NUMBER = 40
@@ -79,8 +80,10 @@ class Coupling(Shown):
 
     @property
     def nonsmooth(self) -> tuple[str, ...]:
-        """Which of abs, min, max, clip occur; empty if h is C1 wherever it is defined."""
-        found = {name for expression in self.components for name in language.nonsmooth_functions(expression.node)}
+        """Which of abs, min, max, clip, Lipschitz but not C1, are applied to what is not constant; empty if h is C1
+        wherever it is defined (theory, section 1)."""
+        parts = (part for expression in self.components for part in tree.postorder(expression.node))
+        found = {part.own for part in parts if part.kind == "call" and language.variables_used(part)}
         return tuple(name for name in NONSMOOTH if name in found)
 
     def _card(self) -> Card:
@@ -91,6 +94,12 @@ class Coupling(Shown):
 
     def __repr__(self) -> str:
         return f"<Coupling {cut('; '.join(self.texts))}>"
+
+    def evaluated(self, y: Sequence[T], algebra: tree.Algebra[T]) -> list[T]:
+        """Return the m components of h for differences y, one value of the algebra for each of m components."""
+        if self.by_component:
+            return [tree.evaluate(self.components[0].node, [each], algebra) for each in y]
+        return [tree.evaluate(each.node, y, algebra) for each in self.components]
 
     def jacobian_at_zero(self) -> tuple[tuple[Interval, ...], ...]:
         """Enclose dh/dy at y = 0; exact (points) where the entries are known to be rational.  Shapes: (m, m), diagonal
@@ -204,12 +213,11 @@ def _not_zero(expression: Expression, value: Interval, *, key: str) -> Expressio
 
 def _lowered(node: tree.Node, value: Fraction) -> tree.Node:
     """Return the tree of node - value; where the value is the last term itself, without that term."""
-    offset = tree.Constant(abs(value))
-    if isinstance(node, (tree.Add, tree.Subtract)) and not language.variables_used(node.right):
-        last = tree.evaluate(node.right, (), tree.IntervalAlgebra())
-        if (last if isinstance(node, tree.Add) else -last) == Interval.point(value):
-            return node.left
-    return tree.Subtract(node, offset) if value > 0 else tree.Add(node, offset)
+    if node.kind in ("add", "subtract") and not language.variables_used(node.operands[1]):
+        last = tree.evaluate(node.operands[1], (), tree.IntervalAlgebra())
+        if (last if node.kind == "add" else -last) == Interval.point(value):
+            return node.operands[0]
+    return tree.Node("subtract" if value > 0 else "add", (node, tree.Node("constant", own=abs(value))))
 
 
 @lru_cache(maxsize=256)

@@ -18,11 +18,9 @@ from dobc_design.coupling.expression import Expression
 from dobc_design.coupling.tree import (
     ONE,
     ZERO,
-    Call,
     GradientAlgebra,
     IntervalAlgebra,
     Jet,
-    Power,
     postorder,
     program,
     run,
@@ -66,7 +64,7 @@ class _Programs:
         parts = postorder(expression.node)
         #: Steps that one evaluation takes, about.
         self.cost = sum(
-            _CALL if isinstance(x, Call) else abs(x.exponent).bit_length() if isinstance(x, Power) else 1 for x in parts
+            _CALL if x.kind == "call" else abs(x.own).bit_length() if x.kind == "power" else 1 for x in parts
         )
 
 

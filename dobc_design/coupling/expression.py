@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dobc_design.coupling import tree
-from dobc_design.coupling.functions import LATEX, NONSMOOTH, WITHOUT_POWERS
+from dobc_design.coupling.functions import LATEX, WITHOUT_POWERS
 from dobc_design.coupling.parser import DEEPEST, Fault, Repair, excerpt, parse
 from dobc_design.errors import ExpressionError, ShapeError, SpecError, wrong
 from dobc_design.exact.number import decimal_parts, with_exponent, without_exponent
@@ -32,10 +32,6 @@ class Piece:
     level: int
     head: str = ""  # LaTeX of a named function, before its arguments: the place for an exponent
     number: bool = False
-
-    def inside(self, level: int) -> str:
-        """The text where something that binds at least as tightly is wanted."""
-        return self.text if self.level >= level else f"({self.text})"
 
 
 def to_text(node: tree.Node, *, dimension: int = 1, compact: bool = False) -> str:
@@ -66,22 +62,27 @@ class Infix:
     """The operations of ``tree.Algebra`` that programming languages write alike."""
 
     space = times = " "  # around + and -, and around * and /
-    negated = ATOM  # what a minus sign may stand before
+    brackets = "({})"
+    negated, negative = ATOM, UNARY  # what a minus sign may stand before, and how tightly both then bind
+
+    def inside(self, piece: Piece, level: int) -> str:
+        """The text where something that binds at least as tightly is wanted."""
+        return piece.text if piece.level >= level else self.brackets.format(piece.text)
 
     def negate(self, operand: Piece) -> Piece:
-        return Piece("-" + operand.inside(self.negated), UNARY)
+        return Piece("-" + self.inside(operand, self.negated), self.negative)
 
     def add(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.text}{self.space}+{self.space}{right.inside(PRODUCT)}", SUM)
+        return Piece(f"{left.text}{self.space}+{self.space}{self.inside(right, PRODUCT)}", SUM)
 
     def subtract(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.text}{self.space}-{self.space}{right.inside(PRODUCT)}", SUM)
+        return Piece(f"{left.text}{self.space}-{self.space}{self.inside(right, PRODUCT)}", SUM)
 
     def multiply(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.inside(PRODUCT)}{self.times}*{self.times}{right.inside(UNARY)}", PRODUCT)
+        return Piece(f"{self.inside(left, PRODUCT)}{self.times}*{self.times}{self.inside(right, UNARY)}", PRODUCT)
 
     def divide(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.inside(PRODUCT)}{self.times}/{self.times}{right.inside(UNARY)}", PRODUCT)
+        return Piece(f"{self.inside(left, PRODUCT)}{self.times}/{self.times}{self.inside(right, UNARY)}", PRODUCT)
 
 
 class _TextAlgebra(Infix):
@@ -101,15 +102,18 @@ class _TextAlgebra(Infix):
         return Piece("pi", ATOM)
 
     def power(self, base: Piece, exponent: int) -> Piece:
-        return Piece(f"{base.inside(ATOM)}**{exponent}", POWER)
+        return Piece(f"{self.inside(base, ATOM)}**{exponent}", POWER)
 
     def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
         inside = f",{self.space}".join(argument.text for argument in arguments)
         return Piece(f"{name}({inside})", ATOM)
 
 
-class _LatexAlgebra:
+class _LatexAlgebra(Infix):
     """Algebra of LaTeX; see ``tree.Algebra``."""
+
+    brackets = r"\left({}\right)"
+    negated, negative = PRODUCT, SIGN
 
     def constant(self, value: Fraction) -> Piece:
         text = decimal_text(value)
@@ -124,22 +128,13 @@ class _LatexAlgebra:
     def pi(self) -> Piece:
         return Piece(r"\pi", ATOM)
 
-    def negate(self, operand: Piece) -> Piece:
-        return Piece("-" + _latex_inside(operand, PRODUCT), SIGN)
-
-    def add(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.text} + {_latex_inside(right, PRODUCT)}", SUM)
-
-    def subtract(self, left: Piece, right: Piece) -> Piece:
-        return Piece(f"{left.text} - {_latex_inside(right, PRODUCT)}", SUM)
-
     def multiply(self, left: Piece, right: Piece) -> Piece:
-        factor = _latex_inside(right, PRODUCT)
+        factor = self.inside(right, PRODUCT)
         if factor[0].isdigit() or (factor.startswith(r"\left(") and not left.number):
             dot = r" \cdot "
         else:
             dot = " " if left.number else r" \, "
-        return Piece(_latex_inside(left, SIGN) + dot + factor, SIGN if left.level == SIGN else PRODUCT)
+        return Piece(self.inside(left, SIGN) + dot + factor, SIGN if left.level == SIGN else PRODUCT)
 
     def divide(self, left: Piece, right: Piece) -> Piece:
         return Piece(rf"\frac{{{left.text}}}{{{right.text}}}", POWER)
@@ -149,7 +144,7 @@ class _LatexAlgebra:
             return Piece(f"{base.head}^{{{exponent}}}{base.text.removeprefix(base.head)}", POWER)
         if base.head:
             return Piece(rf"\left({base.text}\right)^{{{exponent}}}", POWER)
-        return Piece(f"{_latex_inside(base, ATOM)}^{{{exponent}}}", POWER)
+        return Piece(f"{self.inside(base, ATOM)}^{{{exponent}}}", POWER)
 
     def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
         inside, latex = ", ".join(argument.text for argument in arguments), LATEX.get(name, f"\\{name}")
@@ -158,10 +153,6 @@ class _LatexAlgebra:
             return Piece(latex.replace("#", inside), level)
         # Between the name and its argument an exponent is usual for some, and misleading for the others.
         return Piece(rf"{latex}\left({inside}\right)", level, head=latex if level == ATOM else "")
-
-
-def _latex_inside(piece: Piece, level: int) -> str:
-    return piece.text if piece.level >= level else rf"\left({piece.text}\right)"
 
 
 LONGEST = 2000
@@ -250,15 +241,9 @@ def polynomial_degree(node: tree.Node) -> int | None:
     return None if degree == inf else int(degree)
 
 
-def nonsmooth_functions(node: tree.Node) -> tuple[str, ...]:
-    """Which of abs, min, max, clip, Lipschitz but not C1 (theory, section 1), are applied to what is not constant."""
-    found = {part.name for part in tree.postorder(node) if isinstance(part, tree.Call) and variables_used(part)}
-    return tuple(name for name in NONSMOOTH if name in found)
-
-
 def variables_used(node: tree.Node) -> tuple[int, ...]:
     """Return the indices, from 0 and increasing, of the variables that occur."""
-    return tuple(sorted({part.index for part in tree.postorder(node) if isinstance(part, tree.Variable)}))
+    return tuple(sorted({part.own for part in tree.postorder(node) if part.kind == "variable"}))
 
 
 def _refusal(text: str, fault: Fault, *, dimension: int, key: str) -> SpecError:

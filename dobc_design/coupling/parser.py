@@ -150,11 +150,11 @@ def _guess_name(token: Token, *, names: tuple[str, ...], called: bool) -> Repair
 DEEPEST = 50
 LARGEST_CONSTANT_BITS = 4096
 
-_BINARY: dict[str, tuple[Callable[[tree.Node, tree.Node], tree.Node], Callable[[Fraction, Fraction], Fraction]]] = {
-    "+": (tree.Add, operator.add),
-    "-": (tree.Subtract, operator.sub),
-    "*": (tree.Multiply, operator.mul),
-    "/": (tree.Divide, operator.truediv),
+_BINARY: dict[str, tuple[str, Callable[[Fraction, Fraction], Fraction]]] = {
+    "+": ("add", operator.add),
+    "-": ("subtract", operator.sub),
+    "*": ("multiply", operator.mul),
+    "/": ("divide", operator.truediv),
 }
 _HALF = Fraction(1, 2)
 _INTEGERS = f"integer from -{tree.LARGEST_EXPONENT} to {tree.LARGEST_EXPONENT}"
@@ -227,7 +227,7 @@ class _Parser:
             minuses += self._advance().text == "-"
         operand = self._power()
         for _ in range(minuses):
-            operand = _Operand(tree.Negate(operand.node), None if operand.value is None else -operand.value)
+            operand = _Operand(tree.Node("negate", (operand.node,)), None if operand.value is None else -operand.value)
         return operand
 
     def _power(self) -> _Operand:
@@ -238,8 +238,8 @@ class _Parser:
         if self._at("**"):
             raise self._fault(f"{_EXPONENTS}; for a power of a power write (y**2)**3")
         if exponent == _HALF:
-            return _Operand(tree.Call("sqrt", (base.node,)), None)
-        node = tree.Power(base.node, exponent.numerator)
+            return _Operand(tree.Node("call", (base.node,), "sqrt"), None)
+        node = tree.Node("power", (base.node,), exponent.numerator)
         if base.value is None:
             return _Operand(node, None)
         if base.value == 0 and exponent < 0:
@@ -273,7 +273,7 @@ class _Parser:
         token = self.token
         if token.kind is Kind.NUMBER:
             value = _number(self._advance())
-            return _Operand(tree.Constant(value), value)
+            return _Operand(tree.Node("constant", own=value), value)
         if token.kind is Kind.NAME:
             return self._name()
         if self._at("("):
@@ -288,9 +288,9 @@ class _Parser:
         if token.text in FUNCTIONS:
             return self._call(token)
         if token.text == "pi":
-            return _Operand(tree.Pi(), None)
+            return _Operand(tree.Node("pi"), None)
         if token.text in self.names:
-            return _Operand(tree.Variable(self.names[token.text]), None)
+            return _Operand(tree.Node("variable", own=self.names[token.text]), None)
         raise unknown_name(token, dimension=self.dimension, called=self._at("("))
 
     def _call(self, name: Token) -> _Operand:
@@ -305,7 +305,7 @@ class _Parser:
             arguments.append(self._sum())
         self._close(parenthesis)
         _check_arguments(name, arguments)
-        node = tree.Call(name.text, tuple(argument.node for argument in arguments))
+        node = tree.Node("call", tuple(argument.node for argument in arguments), name.text)
         return _Operand(node, _fold(name.text, [argument.value for argument in arguments]))
 
     def _open(self) -> Token:
@@ -349,8 +349,8 @@ def _number(token: Token) -> Fraction:
 
 
 def _join(left: _Operand, sign: Token, right: _Operand) -> _Operand:
-    make, compute = _BINARY[sign.text]
-    node = make(left.node, right.node)
+    kind, compute = _BINARY[sign.text]
+    node = tree.Node(kind, (left.node, right.node))
     if sign.text == "/" and right.value == 0:
         raise Fault(sign.start, '"/"', "this divides by zero")
     if left.value is None or right.value is None:

@@ -11,7 +11,7 @@ import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import ClassVar, Final, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -25,16 +25,27 @@ T = TypeVar("T")
 LARGEST_EXPONENT = 64
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class Node:
-    """A node of the tree; two are equal when the whole trees below them are."""
+    """An operation of ``Algebra`` by its name, or a variable; two are equal when the whole trees below them are.
 
-    __slots__ = ()
-    own: ClassVar[tuple[str, ...]] = ()  # what it holds besides its operands
+    ``own`` is what it holds besides its operands: the value of a constant, at least 0 (a negative one is negated), the
+    index of a variable, from 0, the integer exponent of a power (y**0.5 is a call of sqrt), the name of a function.
+    """
 
-    @property
-    def children(self) -> tuple[Node, ...]:
-        """The operands, from left to right."""
-        return ()
+    kind: str
+    operands: tuple[Node, ...] = ()  # from left to right
+    own: Any = None
+
+    def __post_init__(self) -> None:
+        if self.kind == "constant" and self.own < 0:
+            raise ValueError(f"a constant must be at least 0; got {self.own}: negate it.")
+        if self.kind == "power" and abs(self.own) > LARGEST_EXPONENT:
+            raise ValueError(f"an exponent must be at most {LARGEST_EXPONENT} in size; got {self.own}.")
+        if self.kind == "call":
+            fewest, most = FUNCTIONS[self.own].arguments if self.own in FUNCTIONS else (1, 0)
+            if not fewest <= len(self.operands) <= most:
+                raise ValueError(f"{self.own} with {len(self.operands)} argument(s) is not in the whitelist.")
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Node):
@@ -43,103 +54,6 @@ class Node:
 
     def __hash__(self) -> int:
         return hash(_signature(self))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Constant(Node):
-    """An exact number, at least 0 (a negative one is Negate(Constant))."""
-
-    value: Fraction
-    own: ClassVar[tuple[str, ...]] = ("value",)
-
-    def __post_init__(self) -> None:
-        if self.value < 0:
-            raise ValueError(f"a Constant must be at least 0; got {self.value}: use Negate(Constant(...)).")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pi(Node):
-    """The number pi."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Variable(Node):
-    """y_(index + 1); the index counts from 0."""
-
-    index: int
-    own: ClassVar[tuple[str, ...]] = ("index",)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Negate(Node):
-    """-operand."""
-
-    operand: Node
-
-    @property
-    def children(self) -> tuple[Node, ...]:
-        return (self.operand,)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Binary(Node):
-    left: Node
-    right: Node
-
-    @property
-    def children(self) -> tuple[Node, ...]:
-        return (self.left, self.right)
-
-
-class Add(_Binary):
-    """left + right."""
-
-
-class Subtract(_Binary):
-    """left - right."""
-
-
-class Multiply(_Binary):
-    """left * right."""
-
-
-class Divide(_Binary):
-    """left / right."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Power(Node):
-    """base ** exponent with an integer exponent; y**0.5 is Call("sqrt", (y,))."""
-
-    base: Node
-    exponent: int
-    own: ClassVar[tuple[str, ...]] = ("exponent",)
-
-    def __post_init__(self) -> None:
-        if abs(self.exponent) > LARGEST_EXPONENT:
-            raise ValueError(f"an exponent must be at most {LARGEST_EXPONENT} in size; got {self.exponent}.")
-
-    @property
-    def children(self) -> tuple[Node, ...]:
-        return (self.base,)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Call(Node):
-    """One of the whitelisted functions applied to its arguments."""
-
-    name: str
-    arguments: tuple[Node, ...]
-    own: ClassVar[tuple[str, ...]] = ("name",)
-
-    def __post_init__(self) -> None:
-        fewest, most = FUNCTIONS[self.name].arguments if self.name in FUNCTIONS else (1, 0)
-        if not fewest <= len(self.arguments) <= most:
-            raise ValueError(f"{self.name} with {len(self.arguments)} argument(s) is not in the whitelist.")
-
-    @property
-    def children(self) -> tuple[Node, ...]:
-        return self.arguments
 
 
 class Algebra(Protocol[T]):
@@ -185,7 +99,7 @@ def postorder(node: Node) -> tuple[Node, ...]:
     while waiting:
         current = waiting.pop()
         order.append(current)
-        waiting.extend(current.children)
+        waiting.extend(current.operands)
     return tuple(reversed(order))
 
 
@@ -221,24 +135,21 @@ def run(steps: Sequence[Step[T]], variables: Sequence[T]) -> T:
 
 
 def _step(node: Node, algebra: Algebra[T]) -> Step[T]:
-    match node:
-        case Variable():
-            return None, node.index
-        case Constant():
-            value = algebra.constant(node.value)
+    match node.kind:
+        case "variable":
+            return None, node.own
+        case "constant":
+            value = algebra.constant(node.own)
             return lambda: value, 0
-        case Pi():
-            return algebra.pi, 0
-        case Power():
-            return lambda base: algebra.power(base, node.exponent), 1
-        case Call():
-            return lambda *operands: algebra.call(node.name, operands), len(node.arguments)
-    return getattr(algebra, type(node).__name__.lower()), len(node.children)
+        case "power":
+            return lambda base: algebra.power(base, node.own), 1
+        case "call":
+            return lambda *operands: algebra.call(node.own, operands), len(node.operands)
+    return getattr(algebra, node.kind), len(node.operands)
 
 
 def _signature(node: Node) -> tuple[object, ...]:
-    parts = postorder(node)
-    return tuple((type(part), len(part.children), *(number_key(getattr(part, x)) for x in part.own)) for part in parts)
+    return tuple((x.kind, len(x.operands), number_key(x.own)) for x in postorder(node))
 
 
 ZERO: Final = Interval.point(0)

@@ -246,9 +246,8 @@ def to_control(
     if isinstance(signal, Mobile):
         message = "signal must not depend on the states, because python-control keeps no graph between calls."
         raise SpecError(message, key="signal", cure="Give a mode, or another signal.")
-    settings = problem.simulation
-    seed, horizon = settings.seed if seed is None else seed, float(settings.t_final)
-    return run(problem, mode=mode, signal=signal, horizon=horizon, seed=seed, gain=observer_gain(problem))
+    seed = problem.simulation.seed if seed is None else seed
+    return run(problem, mode=mode, signal=signal, seed=seed, gain=observer_gain(problem))
 
 
 def python_script(problem: Source) -> str:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from dobc_design import __version__
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import significant
 from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.statement import Statement
@@ -157,7 +157,7 @@ COMPILE = "gcc -std=c99 -O2 -Wall -Wextra -Werror -pedantic dobc_agent.c main.c 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class CCode(Shown):
+class CCode(Headed):
     """C99 of a sampled controller: the files by name, the numbers in them, and what is decided about them.
     ``tolerance``: how far u, v and dhat may be from the double-precision loop along the test vectors."""
 
@@ -182,9 +182,6 @@ class CCode(Shown):
             heads=("file", "bytes"),
             rows=[(name, len(data)) for name, data in self.files.items()],
         )
-
-    def __repr__(self) -> str:
-        return f"<CCode: {str(self).partition(chr(10))[0]}>"
 
     def __str__(self) -> str:
         controller, count = self.controller, len(self.controller.agents)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 from importlib.resources import files
-from typing import Any
 
 import numpy as np
 from jinja2 import Template
@@ -16,7 +15,6 @@ from jinja2 import Template
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import ATOM, Infix, Piece, variables_used
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
-from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import SpecError
 
 PRECISIONS = ("double", "float")
@@ -116,15 +114,9 @@ class CAlgebra(Infix):
 def coupling_function(coupling: Coupling, number: int, algebra: CAlgebra) -> str:
     """A C function ``coupling_NUMBER(y, h)`` that writes h(y); both have m components."""
     lines = [f"/* h(y) = {comment(', '.join(coupling.texts))} */"]
-    m = coupling.dimension
-    if coupling.by_component:
-        expression = coupling.components[0]
-        body = [evaluate(expression.node, [Piece(f"y[{c}]", ATOM)], algebra).text for c in range(m)]
-        silent = not variables_used(expression.node)
-    else:
-        variables: list[Any] = [Piece(f"y[{c}]", ATOM) for c in range(m)]
-        body = [evaluate(each.node, variables, algebra).text for each in coupling.components]
-        silent = not any(variables_used(each.node) for each in coupling.components)
+    y = [Piece(f"y[{c}]", ATOM) for c in range(coupling.dimension)]
+    body = [each.text for each in coupling.evaluated(y, algebra)]
+    silent = not any(variables_used(each.node) for each in coupling.components)
     lines += [f"static void coupling_{number}(const dobc_real y[DOBC_COMPONENTS], dobc_real h[DOBC_COMPONENTS])", "{"]
     lines += ["    (void)y;"] if silent else []
     lines += [f"    h[{c}] = {text};" for c, text in enumerate(body)]

@@ -12,7 +12,7 @@ from typing import Any
 import control
 import numpy as np
 
-from dobc_design.problem.arrays import Array, Gain, arc_groups, chosen_mode
+from dobc_design.problem.arrays import Array, Gain, arc_groups
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import Loop, Network, make_loop, network_of
 from dobc_design.simulation.signals import Fixed, Scheduled
@@ -42,15 +42,9 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
 
 
 def to_control(
-    problem: Problem,
-    *,
-    mode: str | None = None,
-    signal: Scheduled | None = None,
-    horizon: float = 0.0,
-    seed: int = 0,
-    gain: Gain | None = None,
+    problem: Problem, *, mode: str | None, signal: Scheduled | None, seed: int, gain: Gain | None
 ) -> ConsensusLoop:
-    """Build the loop in one mode (the first, or ``mode``), or under a switching ``signal`` up to ``horizon`` s.
+    """Build the loop in one mode (the first, or ``mode``), or under a switching ``signal`` up to the problem's t_final.
 
     ``seed`` draws the switches as ``simulate`` does; python-control's integrators do not stop at them, so a switched
     response is less accurate than a trajectory.  ``gain`` (q, m) takes the place of problem.observer.W.
@@ -58,12 +52,10 @@ def to_control(
     """
     problem.require_one_exosystem()
     names, loop = tuple(problem.network.modes), make_loop(problem, gain)
-    if signal is None or isinstance(signal, Fixed):
-        wanted = signal.mode if isinstance(signal, Fixed) and mode is None else mode
-        first = network_of(loop, arc_groups(problem, chosen_mode(problem, wanted)))
-        return _system(problem, loop, lambda time: first)
-    networks = [network_of(loop, arc_groups(problem, name)) for name in names]
-    switches = scheduled_switches(signal, names, horizon, seed)
+    signal = Fixed(mode=mode) if signal is None else signal
+    switches = scheduled_switches(signal, names, float(problem.simulation.t_final), seed)
+    used = np.unique(switches.modes).tolist()
+    networks = {number: network_of(loop, arc_groups(problem, names[number])) for number in used}
     return _system(problem, loop, lambda time: networks[int(switches.at(np.array([time]))[0])])
 
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
-from dobc_design.coupling.tree import evaluate
 from dobc_design.exact.matrix import to_float
 from dobc_design.export.c_controller import AgentNumbers, Controller
 
@@ -150,13 +149,7 @@ def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: A
 
 def coupling_with_error(coupling: Coupling, y: Erring, algebra: ErringAlgebra) -> Erring:
     """h(y) with a bound on its error; y (S, m)."""
-    if coupling.by_component:
-        found = [evaluate(coupling.components[0].node, [y], algebra)]
-        return Erring(*(np.broadcast_to(part, y.value.shape) for part in (found[0].value, found[0].error)))
     columns = [Erring(y.value[:, c], y.error[:, c]) for c in range(coupling.dimension)]
-    parts = [evaluate(each.node, columns, algebra) for each in coupling.components]
-    shape = len(y.value)
-    return Erring(
-        np.stack([np.broadcast_to(part.value, shape) for part in parts], axis=1),
-        np.stack([np.broadcast_to(part.error, shape) for part in parts], axis=1),
-    )
+    parts = coupling.evaluated(columns, algebra)
+    found = [np.broadcast_arrays(each.value, each.error, y.value[:, 0])[:2] for each in parts]
+    return Erring(*np.moveaxis(np.array(found), 0, -1))

@@ -371,17 +371,17 @@ AT_TARGET = 1e-4  # |e|_inf below which a root is the target, relative to the fa
 SAME = 1e-6  # relative distance of roots that are one
 
 
-def equilibrium_check(problem: Problem, *, seed: int = 0) -> Check | None:
+def equilibrium_check(problem: Problem) -> Check | None:
     """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
     if problem.region is None or problem.n * problem.m > LARGEST:
         return None
     best = None
     with surviving("the search for equilibria failed"), np.errstate(all="ignore"):
-        best = _nearest(problem, seed)
+        best = _nearest(problem)
     return None if best is None else refuting_check(problem, best)
 
 
-def _nearest(problem: Problem, seed: int) -> Equilibrium | None:
+def _nearest(problem: Problem) -> Equilibrium | None:
     """The nearest proved equilibrium over all modes."""
     arena = sets.make_arena(problem, no_gain(problem))  # eps = 0
     box = sets.asked_box(problem, arena.loop, disturbance=0.0)
@@ -390,7 +390,7 @@ def _nearest(problem: Problem, seed: int) -> Equilibrium | None:
     count = max(LEAST_STARTS, min(shared, MOST_ARCS // max(1, arcs)))  # of one kind in one mode
     length = sum(len(text) for coupling in problem.couplings for text in coupling.texts)
     most = max(1, min(ROUGH_STEPS, ROUGH_WORK // length))
-    horizon, rng, found = sets.settling_horizon(problem), np.random.default_rng(seed), list[Equilibrium]()
+    horizon, rng, found = sets.settling_horizon(problem), np.random.default_rng(0), list[Equilibrium]()
     for number, mode in enumerate(arena.modes):
         if not may_stay(problem, mode) or unreached(problem, [problem.network.modes[mode]]):
             continue  # what rests in such a mode is moved by others: no refutation by the contract

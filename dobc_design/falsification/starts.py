@@ -7,7 +7,7 @@ so that a factor brings every start but 0 to the boundary of a certified set.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -21,7 +21,7 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.kinds import ids_of
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.schedule.cycles import phases_of
+from dobc_design.conditions.schedule.cycles import Phase, phases_of
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError, wrong
@@ -29,8 +29,10 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import Array, Gain, arc_groups, consensus_jacobian, pinning_matrix
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, MOST_STEPS, Stack
+from dobc_design.simulation.columns import COLLAPSED, COLUMN_NUMBERS, ESCAPED, HANDED_BACK, MOST_STEPS, Stack, padded
 from dobc_design.simulation.field import Loop, Network, make_closed_form, make_loop, network_of
+from dobc_design.simulation.signals import Markov
+from dobc_design.simulation.switches import Switches, scheduled_switches
 from dobc_design.verdict import Verdict
 
 Pair = tuple[Array, Array]
@@ -375,13 +377,16 @@ def drawn_signals(
 ) -> Signals:
     """Every third run in one mode, the modes in turn; the others switch at random, at quite different paces.  Under a
     guarantee all keep it, for ``longer`` horizons: modes last as short or as long as they may, or as a chain draws."""
-    modes, phases, generator = len(problem.network.modes), phases_of(problem), generator_of(problem)
+    names, phases, generator = tuple(problem.network.modes), phases_of(problem), generator_of(problem)
     if phases or generator is not None:
-        drawn = _kept_signals if generator is None else _chain_signals
-        rows = [drawn(rng, problem, longer * horizon) for _ in range(count)]
-        width = max(map(len, rows))
-        padded = np.array([row + [(np.inf, 0)] * (width - len(row)) for row in rows])
-        return Signals(times=padded[:, :, 0], modes=padded[:, :, 1].astype(np.int64))
+        rows = [_kept(rng, problem, phases, longer * horizon) for _ in range(count if phases else 0)]
+        rates = tuple(tuple(map(float, row)) for row in generator or ())
+        for _ in range(count if rates else 0):
+            chain = Markov(generator=rates, start=str(rng.choice(names)))
+            rows.append(scheduled_switches(chain, names, longer * horizon, int(rng.integers(2**32))))
+        times, active = padded(rows)
+        return Signals(times=times, modes=active)
+    modes = len(names)
     first = np.arange(count) % modes
     if modes == 1:
         return constant_signals(first)
@@ -396,29 +401,18 @@ def drawn_signals(
     return Signals(times=times, modes=np.where(np.isinf(times), 0, chosen))
 
 
-def _kept_signals(rng: np.random.Generator, problem: Problem, horizon: float) -> list[tuple[float, int]]:
-    """Instants (s) and modes of a signal that keeps the phases of the guarantee."""
-    phases, names, row, at = phases_of(problem), list(problem.network.modes), list[tuple[float, int]](), 0.0
+def _kept(rng: np.random.Generator, problem: Problem, phases: Sequence[Phase], horizon: float) -> Switches:
+    """The switches of a signal that keeps the phases of the guarantee."""
+    names, times, modes, at = tuple(problem.network.modes), list[float](), list[int](), 0.0
     place = int(rng.choice([p for p, phase in enumerate(phases) if phase.first]))
     while at < horizon:
         phase = phases[place]
-        row.append((at, names.index(phase.mode)))
+        times.append(at)
+        modes.append(names.index(phase.mode))
         shortest = float(phase.shortest)
         longest = float(rng.choice((2 * shortest, horizon))) if phase.longest is None else float(phase.longest)
         at, place = at + float(rng.choice((shortest, longest))), int(rng.choice(phase.successors))
-    return row
-
-
-def _chain_signals(rng: np.random.Generator, problem: Problem, horizon: float) -> list[tuple[float, int]]:
-    """The same of the Markov chain of [switching], from any first mode."""
-    rates, row, at = np.array(generator_of(problem) or (), dtype=float), list[tuple[float, int]](), 0.0
-    mode = int(rng.integers(len(rates)))
-    while at < horizon:
-        row.append((at, mode))
-        leaves = -rates[mode, mode]
-        at += float(rng.exponential(1 / leaves)) if leaves > 0 else np.inf
-        mode = int(rng.choice(len(rates), p=np.maximum(rates[mode], 0) / leaves)) if leaves > 0 else mode
-    return row
+    return Switches(times=np.array(times), modes=np.array(modes), names=names)
 
 
 def run_starts(

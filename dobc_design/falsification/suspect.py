@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design._show.cards import Card, Shown, Told
+from dobc_design._show.cards import Card, Headed, Told
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.equilibrium.claim import Equilibrium
 from dobc_design.exact.number import number_text
@@ -71,7 +71,7 @@ class Suspect(Told):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Falsification(Shown):
+class Falsification(Headed):
     """The outcome of a search.
 
     ``tried``: starts that were simulated; ``unfinished``: those among them whose runs took too many steps.
@@ -110,9 +110,6 @@ class Falsification(Shown):
     def __str__(self) -> str:
         rows = [f"{self.name}: {self._summary}", *(f"  {suspect}" for suspect in self.suspects[:10])]
         return "\n".join([*rows, *(f"  {note}" for note in self.notes)])
-
-    def __repr__(self) -> str:
-        return f"<Falsification of {self.name}: {self._summary}>"
 
     def _card(self) -> Card:
         return Card(title=self.name, text=self._summary, lines=[str(each) for each in self.suspects])

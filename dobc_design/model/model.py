@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Headed
 from dobc_design.coupling.expression import Expression
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
 from dobc_design.coupling.tree import Operators, evaluate, variable_names
@@ -65,7 +65,7 @@ def to_sympy(expression: Expression) -> tuple[Any, tuple[Any, ...]]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Model(Shown):
+class Model(Headed):
     """The equations of one mode; every field below ``W`` is a casadi.Function with named inputs and outputs.
 
     W (q, m) is the observer gain in use; n, m, q count agents, components and exosystem states.  Where agents have
@@ -101,9 +101,6 @@ class Model(Shown):
     def __str__(self) -> str:
         rows = [f"  {name:<15} {inputs} -> {outputs}" for name, inputs, outputs in map(_signature, self.functions)]
         return "\n".join([self._title, *rows])
-
-    def __repr__(self) -> str:
-        return f"<Model of {self._title}>"
 
     def _card(self) -> Card:
         return Card(title=self._title, heads=("function", "takes", "returns"), rows=[*map(_signature, self.functions)])
@@ -185,10 +182,7 @@ def _on_arcs(group: arrays.ArcGroup, y: Sequence[Any]) -> tuple[list[Any], list[
     """Components of h, and slopes[c][d] = dh_c/dy_d (None where it is 0), on every arc; y[c] has one row per arc."""
     count, m = len(group.weights), len(y)
     variables = [ca.SX.sym(f"y{c + 1}", count) for c in range(m)]
-    nodes, each = [expression.node for expression in group.coupling.components], [variables] * m
-    if group.coupling.by_component:
-        nodes, each = nodes[:1] * m, [[variable] for variable in variables]
-    found = (evaluate(node, given, CasadiAlgebra()) for node, given in zip(nodes, each, strict=True))
+    found = group.coupling.evaluated(variables, CasadiAlgebra())
     values = [ca.SX.zeros(count, 1) + value for value in found]  # a component may be a constant 0
     ones = ca.DM.ones(count, 1)
     pairs = [(c, d) for c in range(m) for d in range(m) if c == d or not group.coupling.by_component]

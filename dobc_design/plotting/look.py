@@ -45,11 +45,8 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "dobc_design",
-    "svg.image_inline": True,
     "font.size": 9.0,
-    "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
-    "text.usetex": False,
     "text.color": INK,
     "axes.labelcolor": INK,
     "axes.edgecolor": MUTED,
@@ -72,9 +69,6 @@ STYLE = {
     "legend.frameon": False,
     "lines.linewidth": 1.3,
     "lines.markersize": 5.0,
-    "axes.formatter.use_mathtext": False,
-    "axes.unicode_minus": True,
-    "path.simplify": True,
 }
 
 _LOCK = threading.Lock()  # Matplotlib's parameters belong to the process; they are put back after each figure

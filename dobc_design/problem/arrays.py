@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from dobc_design._checks import require_shape
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.tree import Constant, postorder
+from dobc_design.coupling.tree import postorder
 from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix, matrix, to_float
 from dobc_design.exact.number import number_key
@@ -33,7 +33,7 @@ def require_floats(problem: Problem) -> Problem:
     nodes = (node for each in problem.couplings for part in each.components for node in postorder(part.node))
     parts: dict[str, Any] = {
         "target": problem.target,
-        "coupling": [node.value for node in nodes if isinstance(node, Constant)],
+        "coupling": [node.own for node in nodes if node.kind == "constant"],
         "exosystem": [(each.exosystem.A, each.exosystem.C) for each in problem.groups],
         "observer.W": [each.observer.W or () for each in problem.groups],
         "region": () if region is None else (region.initial_states, region.initial_disturbance or 0),
@@ -264,11 +264,10 @@ def arc_groups(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
 
 def difference_matrix(group: ArcGroup, size: int) -> sp.csr_array:
     """Return D (arcs, n) with D e = e_j - e_i for the arc in which i hears j."""
-    arcs = np.arange(len(group.weights))
-    ones = np.ones(len(arcs))
-    entries = np.concatenate([ones, -ones])
+    arcs = np.tile(np.arange(len(group.weights)), 2)
+    entries = np.repeat([1.0, -1.0], len(group.weights))
     columns = np.concatenate([group.speakers, group.listeners])
-    return sp.csr_array((entries, (np.concatenate([arcs, arcs]), columns)), shape=(len(arcs), size))
+    return sp.csr_array((entries, (arcs, columns)), shape=(len(group.weights), size))
 
 
 def gathering_matrix(group: ArcGroup, size: int) -> sp.csr_array:

@@ -207,7 +207,7 @@ class _Reader:
                 system, observer = Exosystem(A=group["A"], C=group["C"]), Observer(W=group["W"], P=group["P"])
                 result.append(Group(agents=agents, exosystem=system, observer=observer))
             except SpecError as error:
-                raise renamed(error, position) from None
+                raise renamed(error, key) from None
         if len(result) < 2:
             raise _wrong("exosystem.groups", "a list of two groups or more", exosystem["groups"])
         return result

@@ -7,6 +7,7 @@ S = C (-Omega0)^-1 C' are block diagonal, and the Reduction reads Lambda + block
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -156,17 +157,14 @@ def group_key(number: int) -> str:
     return f"exosystem.groups[{number}]"
 
 
-def renamed(error: SpecError, number: int) -> SpecError:
-    """An error about A, C, W or P of a group, which names the key as it stands in the file."""
-    kind, key = type(error), group_key(number)
+def renamed(error: SpecError, key: str) -> SpecError:
+    """An error about A, C, W or P of the group ``key``, which names the key as it stands in the file."""
 
     def changed(text: str) -> str:
-        for name in ("exosystem.A", "exosystem.C", "observer.W", "observer.P"):
-            text = text.replace(name, f"{key}.{name[-1]}")
-        return text
+        return re.sub(r"\b(?:exosystem|observer)\.([ACWP])\b", rf"{key}.\1", text)
 
-    renewed = [kind(changed(each.message), key=changed(each.key or key), cure=each.cure) for each in error.errors]
-    return SpecError.several(renewed)
+    errors = [type(error)(changed(x.message), key=changed(x.key or key), cure=x.cure) for x in error.errors]
+    return SpecError.several(errors)
 
 
 def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecError]) -> dict[str, int]:
@@ -197,7 +195,7 @@ def _check_group(group: Group, number: int, *, m: int, rate: Fraction | None) ->
     try:
         check_observer(group.observer, q=group.exosystem.order, m=m)
     except SpecError as error:
-        errors.append(renamed(error, number))
+        errors.append(renamed(error, key))
     raise_all(errors)
 
 
@@ -232,22 +230,6 @@ def name_some(agents: Sequence[str]) -> str:
 
 
 # --- the groups side by side
-
-
-def joint_exosystem(groups: Sequence[Group]) -> Exosystem | None:
-    """A (q, q) and C (G m, q) block diagonal, q the sum of the orders; the exosystem itself for one group."""
-    if len(groups) < 2:
-        return groups[0].exosystem if groups else None
-    systems = [group.exosystem for group in groups]
-    return Exosystem(A=block_diagonal([each.A for each in systems]), C=block_diagonal([each.C for each in systems]))
-
-
-def joint_observer(groups: Sequence[Group]) -> Observer:
-    """W (q, G m) and P (q, q) block diagonal, None where not every group has one; the observer itself for one group."""
-    if len(groups) < 2:
-        return groups[0].observer if groups else Observer()
-    own = [group.observer for group in groups]
-    return Observer(W=join([each.W for each in own]), P=join([each.P for each in own]), rate=own[0].rate)
 
 
 def join(matrices: Sequence[Matrix | None]) -> Matrix | None:

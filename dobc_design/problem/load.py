@@ -37,7 +37,6 @@ from dobc_design.problem.settings import MOST_OPTIONAL, OPTIONAL, Switching
 
 MAX_BYTES = 16 * 1024 * 1024
 MAX_NESTING = 50
-PIECE = 16 * 1024 * 1024
 PROBLEM = "problem file"
 
 # Strings and comments; possessive, so that no byte is looked at twice. A string that is not closed reaches
@@ -60,38 +59,22 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES, what: str = PROBLEM) -> by
     names the file.  Pipes and devices are refused: they may never end, or never begin."""
     name = shown(path.name)
     try:
-        # Not blocking, so that a pipe nobody writes to is opened and then refused.
-        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-        try:
-            kind = _KINDS.get(stat.S_IFMT(os.fstat(descriptor).st_mode), "device")
-            data = b"" if kind else _read_at_most(limit + 1, descriptor)
-        finally:
-            os.close(descriptor)
+        state = path.stat()
+        kind = _KINDS.get(stat.S_IFMT(state.st_mode), "device")
+        data = b"" if kind or state.st_size > limit else path.read_bytes()
     except FileNotFoundError:
         known = " and no built-in problem of that name" if what == PROBLEM else ""
         cure = "`dobc problems` lists the built-in ones." if known else "Check the path."
         raise SpecError(f"there is no file {name}{known}.", key=path.name, cure=cure) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        kind = "folder" if os.path.isdir(path) else ""  # Windows does not open folders
-        if not kind:
-            reason = getattr(error, "strerror", None) or error
-            raise SpecError(f"{name} cannot be read: {reason}.", key=path.name, cure="Check the path.") from None
+        reason = getattr(error, "strerror", None) or error
+        raise SpecError(f"{name} cannot be read: {reason}.", key=path.name, cure="Check the path.") from None
     if kind:
         cure = "Name the file in it." if kind == "folder" else "Write it to a file first."
         raise SpecError(f"{shown(str(path))} is a {kind}, not a {what}.", key=path.name, cure=cure)
-    if len(data) > limit:
+    if max(state.st_size, len(data)) > limit:
         raise _too_large(limit, what)
     return data
-
-
-def _read_at_most(count: int, descriptor: int) -> bytes:
-    """Up to ``count`` bytes.  In pieces, so that memory is taken for what is there, not for what may be."""
-    with os.fdopen(descriptor, "rb", closefd=False) as stream:
-        pieces = []
-        while count > 0 and (piece := stream.read(min(count, PIECE))):
-            pieces.append(piece)
-            count -= len(piece)
-    return b"".join(pieces)
 
 
 def parse_toml(data: bytes) -> dict[str, Any]:
@@ -179,7 +162,6 @@ _EXAMPLES = {
     "exosystem.groups.agents": "agents = [1, 2]",
     "formation.offsets": "offsets = { 2 = 1.5, 3 = -1.5 }",
     "region.initial_states": "initial_states = [0, 5]",
-    "switching.signal": 'signal = "random"',
 }
 
 
@@ -260,14 +242,13 @@ def read_exosystem(
     if table is None:
         return None, ()
     errors: list[SpecError] = []
-    own = _explicit(table, number=None, errors=errors)
-    groups = [_explicit(group, number=number, errors=errors) for number, group in enumerate(table.groups)]
+    places = {"exosystem": table} | {group_key(number): group for number, group in enumerate(table.groups)}
+    found = {place: _explicit(each, place, errors) for place, each in places.items()}
     raise_all(errors)
-    m = dimension_of(next((each for each in (own, *groups) if each is not None), None))
-    own = own or _in_words(table, number=None, components=m, errors=errors)
+    m = dimension_of(next((each for each in found.values() if each is not None), None))
+    own, *others = (found[place] or _in_words(each, place, m, errors) for place, each in places.items())
     result = []
-    for number, (each, found) in enumerate(zip(table.groups, groups, strict=True)):
-        exosystem = found or _in_words(each, number=number, components=m, errors=errors)
+    for number, (each, exosystem) in enumerate(zip(table.groups, others, strict=True)):
         try:
             observer = Observer(W=each.W, P=each.P)
             if exosystem is not None:
@@ -277,14 +258,13 @@ def read_exosystem(
                     raise wrong(key, what, "For example agents = [1, 2].")
                 result.append(Group(agents=list(agents), exosystem=exosystem, observer=observer))
         except SpecError as error:
-            errors.append(renamed(error, number))
+            errors.append(renamed(error, group_key(number)))
     raise_all(errors)
     return own, tuple(result)
 
 
-def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors: list[SpecError]) -> Exosystem | None:
+def _explicit(table: ExosystemTable | GroupTable, place: str, errors: list[SpecError]) -> Exosystem | None:
     """The exosystem of A and C; None where a kind stands in their place, or where groups alone are given."""
-    place = "exosystem" if number is None else group_key(number)
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
     parts = [name for name in exosystems.PARTS if getattr(table, name) is not None]
     if parts and matrices:
@@ -300,7 +280,7 @@ def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors:
     try:
         return Exosystem(A=table.A, C=table.C)
     except SpecError as error:
-        found = error if number is None else renamed(error, number)
+        found = renamed(error, place)
         if "pi" in str(table.A):  # the commonest reason for pi is a sine
             cure = f"For a sine write hz = [0.5] or frequencies = [3.14159265] in [{place}], in place of A and C."
             found = type(found)(str(found).partition("\n")[0], key=found.key, cure=cure)
@@ -309,7 +289,7 @@ def _explicit(table: ExosystemTable | GroupTable, *, number: int | None, errors:
 
 
 def _in_words(
-    table: ExosystemTable | GroupTable, *, number: int | None, components: int, errors: list[SpecError]
+    table: ExosystemTable | GroupTable, place: str, components: int, errors: list[SpecError]
 ) -> Exosystem | None:
     parts = {name: getattr(table, name) for name in exosystems.PARTS}
     if all(value is None for value in parts.values()):
@@ -317,7 +297,6 @@ def _in_words(
     try:
         return exosystems.of_parts(**parts, components=components)
     except SpecError as error:
-        place = "exosystem" if number is None else group_key(number)
         for each in error.errors:
             key = f"{place}.{(each.key or 'constant').removeprefix('exosystem').removeprefix('.')}".rstrip(".")
             errors.append(type(each)(each.message.replace(each.key or "", key, 1), key=key, cure=each.cure))

@@ -210,14 +210,7 @@ class Network(Shown):
 
     def __post_init__(self) -> None:
         put(self, modes=MappingProxyType(dict(self.modes)))
-        if not self.labels:
-            what = "must name at least one agent; got none."
-            raise wrong("network.agents", what, "Give a count, or a list of labels.")
-        bad = [label for label in self.labels if not is_label(label)]
-        if bad:
-            what = f"a label must be {WANTED}; got {shown(bad[0])}."
-            raise SpecError(what, key="network.agents", cure="Rename that agent.")
-        put(self, labels=tuple(map(one_form, self.labels)))
+        put(self, labels=labels_of(self.labels))
         if len(set(self.labels)) < len(self.labels):
             first: dict[str, int] = {}
             repeated = next(label for i, label in enumerate(self.labels) if first.setdefault(label, i) != i)

@@ -26,8 +26,8 @@ from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import counted, is_list, is_scalar_matrix, is_text, named, shown, shown_number
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem import settings
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer, group_numbers, joint_exosystem, joint_observer, read_groups
+from dobc_design.problem.exosystems import Exosystem, block_diagonal
+from dobc_design.problem.groups import Group, Observer, group_numbers, join, read_groups
 from dobc_design.problem.network import Network, one_form
 from dobc_design.problem.settings import Region, Simulation, Switching
 from dobc_design.problem.uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
@@ -356,13 +356,20 @@ class Problem(Shown):
 
     @property
     def joint_exosystem(self) -> Exosystem | None:
-        """The exosystems of all groups side by side (``groups``); of one group its own."""
-        return joint_exosystem(self.groups)
+        """The exosystems of all groups side by side, A (q, q) and C (G m, q) block diagonal; of one group its own."""
+        systems = [group.exosystem for group in self.groups]
+        if len(systems) < 2:
+            return systems[0] if systems else None
+        return Exosystem(A=block_diagonal([each.A for each in systems]), C=block_diagonal([each.C for each in systems]))
 
     @property
     def joint_observer(self) -> Observer:
-        """W and P of all groups, block diagonal, where every group has one; of one group its own."""
-        return joint_observer(self.groups)
+        """W (q, G m) and P (q, q) of all groups, block diagonal, None where not every group has one; of one group its
+        own."""
+        if len(self.groups) < 2:
+            return self.observer
+        own = [group.observer for group in self.groups]
+        return Observer(W=join([each.W for each in own]), P=join([each.P for each in own]), rate=own[0].rate)
 
     def require_one_exosystem(self) -> None:
         """Refuse a problem with several groups.  Raises: SpecError."""

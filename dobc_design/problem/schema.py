@@ -131,35 +131,31 @@ class PinningTable(_Table):
 _WAYS: Any = [{"required": list(keys)} for keys in (("A", "C"), *((part,) for part in PARTS))]
 
 
-class GroupTable(_Table):
+class _Disturbance(_Table):
+    A: NumberMatrix = None
+    C: NumberMatrix = None
+    constant: Flag = Field(default=None, description="In place of A and C: a constant part.")
+    ramp: Flag = Field(default=None, description="A constant and a ramp.")
+    hz: NumberOrList = Field(default=None, description="Sines, in Hz (cycles per second).")
+    frequencies: NumberOrList = Field(default=None, description="Sines, in rad/s.")
+    kind: Kind = Field(default=None, description="A single part by its name.")
+
+
+class GroupTable(_Disturbance):
     """[[exosystem.groups]]: agents with an exosystem and an observer of their own."""
 
     model_config = ConfigDict(json_schema_extra={"anyOf": _WAYS})
 
     agents: Members = Field(description="Labels; an agent is in one group at most.")
-    A: NumberMatrix = None
-    C: NumberMatrix = None
-    constant: Flag = Field(default=None, description="In place of A and C: a constant part.")
-    ramp: Flag = Field(default=None, description="A constant and a ramp.")
-    hz: NumberOrList = Field(default=None, description="Sines, in Hz (cycles per second).")
-    frequencies: NumberOrList = Field(default=None, description="Sines, in rad/s.")
-    kind: Kind = Field(default=None, description="A single part by its name.")
     W: NumberMatrix = Field(default=None, description="Without it W is designed, for observer.rate.")
     P: NumberMatrix = Field(default=None, description="Beside W, for every group or none; tested as it is.")
 
 
-class ExosystemTable(_Table):
+class ExosystemTable(_Disturbance):
     """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group."""
 
     model_config = ConfigDict(json_schema_extra={"anyOf": [*_WAYS, {"required": ["groups"]}]})
 
-    A: NumberMatrix = None
-    C: NumberMatrix = None
-    constant: Flag = Field(default=None, description="In place of A and C: a constant part.")
-    ramp: Flag = Field(default=None, description="A constant and a ramp.")
-    hz: NumberOrList = Field(default=None, description="Sines, in Hz (cycles per second).")
-    frequencies: NumberOrList = Field(default=None, description="Sines, in rad/s.")
-    kind: Kind = Field(default=None, description="A single part by its name.")
     groups: list[GroupTable] = []
 
 

@@ -14,6 +14,7 @@ from dobc_design._show.cards import Card, Shown
 from dobc_design.errors import SpecError, kept, raise_all, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import shown, shown_number
+from dobc_design.problem.settings import items, positive_number
 
 RELATIVE = ("weights", "gains")
 ABSOLUTE = ("disturbance", "drift", "measurement")
@@ -68,10 +69,10 @@ class Actuators(Shown):
         with kept(errors):
             if isinstance(self.limit, Mapping):
                 given = self.limit.items()
-                limits = {str(label): _positive(x, f"actuators.limit.{label}") for label, x in given}
+                limits = {str(x): positive_number(u, key=f"actuators.limit.{x}", unit="unit of u") for x, u in given}
                 put(self, limit=MappingProxyType(limits))
             elif self.limit is not None:
-                put(self, limit=_positive(self.limit, "actuators.limit"))
+                put(self, limit=positive_number(self.limit, key="actuators.limit", unit="unit of u"))
         with kept(errors):
             if self.amplitude is not None:
                 put(self, amplitude=_bound(self.amplitude, "actuators.amplitude"))
@@ -118,9 +119,7 @@ def read_actuators(value: Any, *, labels: Sequence[str]) -> Actuators | None:
 
 def _known(value: Any, noun: Any) -> dict[str, Any]:
     key, names = noun.__name__.lower(), noun.__dataclass_fields__
-    if not isinstance(value, Mapping):
-        raise wrong(key, f"must be a table; got {shown(value)}.", "Give a mapping, as a dict.")
-    for name in value:
+    for name, _ in items(value, key=key):
         if name not in names:
             raise wrong(f"{key}.{name}", "is an unknown key.", f"Known keys: {', '.join(names)}.")
     return {name: each for name, each in value.items() if each is not None}
@@ -131,11 +130,4 @@ def _bound(value: Any, key: str, *, below: bool = False) -> Fraction:
     if number < 0 or (below and number >= 1):
         what = "a relative error, >= 0 and < 1" if below else ">= 0, because it is a bound"
         raise wrong(key, f"must be {what}; got {shown_number(number)}.", "For example 0.05.")
-    return number
-
-
-def _positive(value: Any, key: str) -> Fraction:
-    number = parse_number(value, key=key)
-    if number <= 0:
-        raise wrong(key, f"must be > 0; got {shown_number(number)}.", "For example 10; leave it out for no limit.")
     return number

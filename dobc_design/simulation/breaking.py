@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Headed
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
@@ -79,7 +79,7 @@ class PeriodLimit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Breaking(Shown):
+class Breaking(Headed):
     """The sweeps of one problem, the period limit where the period was among them, and the run without stress."""
 
     name: str
@@ -114,9 +114,6 @@ class Breaking(Shown):
             rows=[(each.option, each.survives, each.breaks, each.unit) for each in self.sweeps],
             lines=() if self.period is None else (f"Sampling period: {self.period}",),
         )
-
-    def __repr__(self) -> str:
-        return f"<Breaking of {self.name}: {len(self.sweeps)} kinds of stress>"
 
     def __str__(self) -> str:
         lines = [f"{self.name}: what breaks first (late error above {self.tolerance:.0%} of the start)"]

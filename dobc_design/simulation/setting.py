@@ -127,11 +127,7 @@ class Stress(Told):
 
     @property
     def is_calm(self) -> bool:
-        happening = (self.saturation, self.period, self.exchange)
-        return (
-            not (self.noise or self.disturbance or self.loss or self.failures or self.worst)
-            and happening == (None,) * 3
-        )
+        return replace(self, frequency=1.0) == Stress()
 
     @property
     def exchanges(self) -> float | None:

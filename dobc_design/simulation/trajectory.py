@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Headed
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
 from dobc_design.errors import SpecError
@@ -52,16 +52,13 @@ class Sample(NamedTuple):
     u: Array
 
 
-class Simulated(Shown):
+class Simulated(Headed):
     """How runs show themselves."""
 
     __slots__ = ()
 
     def __str__(self) -> str:
         return f"{self._card().title}: {self._card().text}"
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {self}>"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)

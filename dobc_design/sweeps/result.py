@@ -23,7 +23,7 @@ from typing import IO, TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design._show.cards import MOST_ROWS, Card, Shown
+from dobc_design._show.cards import MOST_ROWS, Card, Headed
 from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.errors import CertificateError, SpecError
 from dobc_design.exact.reading import shown
@@ -194,7 +194,7 @@ def _lock(stream: IO[bytes], folder: Path) -> None:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class SweepResult(Shown):
+class SweepResult(Headed):
     """The cases of a sweep in their order.  ``lines`` are those of the journal; ``folder`` is where it is, or None.
 
     ``column("rate")`` gives one column, ``rows`` all of them by name; numbers of a column that has none are None.
@@ -385,9 +385,6 @@ class SweepResult(Shown):
                 found = f"{min(values):.4g} to {max(values):.4g}, median {np.median(values):.4g} ({len(values)} cases)"
                 lines.append(f"  {name:<18} {found}: {meaning}")
         return "\n".join(lines)
-
-    def __repr__(self) -> str:
-        return f"<SweepResult of {self.plan.name}: {self._summary}>"
 
     def _card(self) -> Card:
         names = [name for name in self.columns if name not in ("id", "seconds", "reason", "error")]

@@ -13,8 +13,7 @@ from loops import simulate
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
-from dobc_design.export import python_script
-from dobc_design.export.python_control import to_control
+from dobc_design.export import python_script, to_control
 from dobc_design.model.model import build_model
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import load_problem
@@ -47,12 +46,10 @@ def test_a_switched_loop_follows_the_same_switches():
     """python-control steps across the switches, hence the tolerance."""
     problem = load_problem("paper-switching")
     run = dd.simulate(problem, t_final=3, samples=301)
-    found = response(dd.export.to_control(problem), run)
+    found = response(to_control(problem), run)
     np.testing.assert_allclose(found.outputs[:10].T, run.x[:, :, 0], atol=1e-4)
     with pytest.raises(AssertionError):
-        np.testing.assert_allclose(
-            response(dd.export.to_control(problem, seed=1), run).outputs[:10].T, run.x[:, :, 0], atol=1e-2
-        )
+        np.testing.assert_allclose(response(to_control(problem, seed=1), run).outputs[:10].T, run.x[:, :, 0], atol=1e-2)
 
 
 def test_the_input_is_a_disturbance_besides_the_modelled_one():
@@ -96,10 +93,10 @@ def test_without_an_exosystem_there_is_no_observer():
 
 
 def test_the_facade_designs_a_missing_gain_and_refuses_moving_graphs():
-    system = dd.export.to_control("uav-swarm")
+    system = to_control("uav-swarm")
     assert system.observer.nstates == 6
     with pytest.raises(SpecError, match="must not depend on the states"):
-        dd.export.to_control("paper-fixed", signal=dd.signals.Mobile(radius=1.0))
+        to_control("paper-fixed", signal=dd.signals.Mobile(radius=1.0))
 
 
 @pytest.mark.parametrize("name", [pytest.param("paper-switching", marks=pytest.mark.slow), "planar"])
@@ -144,4 +141,4 @@ def test_a_loop_with_groups_of_agents_is_refused():
     network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
     problem = Problem(network=network, coupling="y", gains=1, exosystem=Exosystem(A=[[-1]], C=[[1]]), groups=[group])
     with pytest.raises(SpecError, match=r"exosystem\.groups: this is not available yet"):
-        dd.export.to_control(problem)
+        to_control(problem)

@@ -10,6 +10,10 @@
 #include "fmi3_types.h"
 #include "dobc_agent.h"
 
+#ifdef __GNUC__
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* the standard says which parameters there are */
+#endif
+
 #define TOKEN @TOKEN@
 #define M DOBC_COMPONENTS
 #define HEARD @HEARD@ /* neighbours of this agent */
@@ -18,10 +22,7 @@
 #define MODE 1u
 #define X 2u
 #define Y (X + M)
-#define U (Y + M)
-#define V (U + M)
-#define DHAT (V + M)
-#define PACKET (DHAT + M)
+#define PACKET (X + 5 * M) /* after x, y, u, v and dhat */
 #define END (PACKET + HEARD * M)
 
 typedef struct {
@@ -30,7 +31,7 @@ typedef struct {
     double start, time;
     double samples; /* taken so far */
     int mode;
-    dobc_real x[M];
+    dobc_real x[M], y[M];
     dobc_real packets[HEARD + 1][M];
 } instance_t;
 
@@ -56,37 +57,17 @@ static void sample(instance_t *own, dobc_agent *agent)
 /* The place of a real variable; 0 for one that is none. */
 static dobc_real *place(instance_t *own, fmi3ValueReference reference)
 {
-    if (reference >= X && reference < Y) {
-        return &own->x[reference - X];
+    dobc_real *const parts[] = {own->x, own->y, own->output.u, own->output.v, own->output.dhat};
+
+    if (reference < X || reference >= END) {
+        return 0;
     }
-    if (reference >= U && reference < V) {
-        return &own->output.u[reference - U];
-    }
-    if (reference >= V && reference < DHAT) {
-        return &own->output.v[reference - V];
-    }
-    if (reference >= DHAT && reference < PACKET) {
-        return &own->output.dhat[reference - DHAT];
-    }
-    if (reference >= PACKET && reference < END) {
-        return &own->packets[(reference - PACKET) / M][(reference - PACKET) % M];
-    }
-    return 0;
+    return (reference < PACKET ? parts[(reference - X) / M] : own->packets[(reference - PACKET) / M]) + (reference - X) % M;
 }
 
 FMI3_EXPORT const char *fmi3GetVersion(void)
 {
     return "3.0";
-}
-
-FMI3_EXPORT fmi3Status fmi3SetDebugLogging(fmi3Instance instance, fmi3Boolean on, size_t count,
-                                           const fmi3String categories[])
-{
-    (void)instance;
-    (void)on;
-    (void)count;
-    (void)categories;
-    return fmi3OK;
 }
 
 FMI3_EXPORT fmi3Instance fmi3InstantiateCoSimulation(
@@ -96,15 +77,6 @@ FMI3_EXPORT fmi3Instance fmi3InstantiateCoSimulation(
 {
     instance_t *own;
 
-    (void)name;
-    (void)resources;
-    (void)visible;
-    (void)logging;
-    (void)event_mode;
-    (void)early_return;
-    (void)intermediate;
-    (void)count;
-    (void)update;
     if (token == 0 || strcmp(token, TOKEN) != 0) {
         if (log != 0) {
             log(environment, fmi3Error, "logStatusError", "The instantiation token is not that of this FMU.");
@@ -129,10 +101,6 @@ FMI3_EXPORT fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Bo
 {
     instance_t *own = (instance_t *)instance;
 
-    (void)tolerance_defined;
-    (void)tolerance;
-    (void)stop_defined;
-    (void)stop;
     own->start = own->time = start;
     return fmi3OK;
 }
@@ -146,21 +114,9 @@ FMI3_EXPORT fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
     return fmi3OK;
 }
 
-FMI3_EXPORT fmi3Status fmi3Terminate(fmi3Instance instance)
-{
-    (void)instance;
-    return fmi3OK;
-}
-
 FMI3_EXPORT fmi3Status fmi3Reset(fmi3Instance instance)
 {
     clear((instance_t *)instance);
-    return fmi3OK;
-}
-
-FMI3_EXPORT fmi3Status fmi3EnterStepMode(fmi3Instance instance)
-{
-    (void)instance;
     return fmi3OK;
 }
 
@@ -170,7 +126,6 @@ FMI3_EXPORT fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 point, fmi3
     instance_t *own = (instance_t *)instance;
     double end = point + step;
 
-    (void)no_return;
     if (!(step >= 0)) {
         return fmi3Error;
     }
@@ -196,24 +151,14 @@ FMI3_EXPORT fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueRefe
     if (size != count) {
         return fmi3Error;
     }
+    dobc_packet(&own->agent, own->x, own->y);
     for (i = 0; i < count; i++) {
-        fmi3ValueReference reference = references[i];
+        const dobc_real *found = place(own, references[i]);
 
-        if (reference == TIME) {
-            values[i] = own->time;
-        } else if (reference >= Y && reference < U) {
-            dobc_real y[M];
-
-            dobc_packet(&own->agent, own->x, y);
-            values[i] = y[reference - Y];
-        } else {
-            const dobc_real *found = place(own, reference);
-
-            if (found == 0) {
-                return fmi3Error;
-            }
-            values[i] = *found;
+        if (found == 0 && references[i] != TIME) {
+            return fmi3Error;
         }
+        values[i] = found == 0 ? own->time : *found;
     }
     return fmi3OK;
 }
@@ -289,7 +234,6 @@ FMI3_EXPORT fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState state
 
 FMI3_EXPORT fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *state)
 {
-    (void)instance;
     free(*state);
     *state = 0;
     return fmi3OK;

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.certificate.regions import certified_settling, error_share, lure_and_level
-from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.numbers import claimed
@@ -103,8 +103,7 @@ class CertifiedBound(Shown):
 
 
 def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[Envelope]:
-    """Bounds that hold for all of ``starts``, from every proved check whose domain holds them: regional checks bound
-    every start of their region.  Raises: what a check raises that cannot be read."""
+    """Bounds that hold for all of ``starts``, from every proved check whose domain holds them."""
     for check in claims.checks:
         if check.verdict is Verdict.PROVED and check.kind.is_consensus and is_inside(check.domain, starts):
             found = _envelope(problem, check, claim_of(check, problem, claims.W), starts)

@@ -12,18 +12,18 @@ from fractions import Fraction
 from typing import Final
 
 from dobc_design._show.text import visible
-from dobc_design.conditions.accuracy import claim as accuracy
+from dobc_design.conditions.accuracy import decide as accuracy
 from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.consensus import claim as consensus
-from dobc_design.conditions.equilibrium import claim as equilibrium
-from dobc_design.conditions.graphs import claim as graphs
-from dobc_design.conditions.margins import claim as margins
+from dobc_design.conditions.equilibrium import decide as equilibrium
+from dobc_design.conditions.graphs import decide as graphs
+from dobc_design.conditions.margins import decide as margins
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.claim import SamplingBound
-from dobc_design.conditions.weighted import claim as weighted
+from dobc_design.conditions.weighted import decide as weighted
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem

@@ -71,8 +71,7 @@ def _write_down(name: str, data: bytes) -> None:
 
 
 def require_own(folder: Path, name: str, *, force: bool) -> Path:
-    """Refuse a folder that holds the results of a problem of another name, or of none that can be read, unless
-    ``force``; of the same name they are older results of this problem.  Raises: SpecError."""
+    """Refuse a folder with results of another problem, or of none that can be read, unless ``force``.  SpecError."""
     held = [each for each in ("certificate.json", "problem.json", "report.html") if (folder / each).exists()]
     if held and not force:
         try:

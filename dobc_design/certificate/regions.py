@@ -15,7 +15,7 @@ from typing import Any, Final
 from dobc_design._show.cards import Card, Shown
 from dobc_design._show.text import significant, significant_towards_zero
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
-from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.kinds import KINDS
@@ -23,7 +23,7 @@ from dobc_design.conditions.numbers import LARGEST, claimed, rounded_down, round
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
-from dobc_design.conditions.schedule.claim import Descent
+from dobc_design.conditions.schedule.claim import SETTLED, Descent
 from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable, largest_reach
@@ -170,8 +170,6 @@ class Regions(Shown):
         return f"<Regions of {self.name}: {self.verdict.value}, {len(self.claims)} methods>"
 
 
-#: A start counts as settled when every |e_ic| is below this part of the radius.
-SETTLED: Final = Fraction(1, 100)
 BESIDE: Final = ("settling", "delay", "sampling", "equilibrium")  # checks that stand beside the regions
 #: Agents up to which the bound of each is listed.
 MOST_AGENTS: Final = 2000

@@ -42,7 +42,7 @@ from dobc_design.conditions.schedule.cycles import phases_of
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, schedule_stage, settle, settling_stage
 from dobc_design.conditions.separable.stage import separable_stage
-from dobc_design.conditions.weighted.stage import weighted_stage
+from dobc_design.conditions.weighted.propose import weighted_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import Number, number_text
@@ -105,7 +105,7 @@ def certify(
         findings = Findings(statements=found.statements, directions=found.directions, P=P)
         checks, W, pair, domain = found.checks, found.W, found.pair, found.statements.domain
         regions = partial(region_checks, problem, W, domain=domain, everything=everything, report=report)
-        guaranteed = problem.switching is not None and problem.switching.guarantee not in (None, "arbitrary")
+        guaranteed = problem.switching is not None and problem.switching.is_guaranteed
         own = tuple(regions(checks)) if guaranteed else ()  # it may need no cure of single modes
         if out_of_time() is None and not any(covers(problem, check, own) for check in own):
             checks = with_cures(
@@ -376,8 +376,7 @@ def _checks_of(group: Group, W: Matrix | None, problem: Problem | None) -> list[
 def _proposed_pairs(
     groups: Sequence[Group], gains: Sequence[Matrix], *, bound: float
 ) -> Iterator[tuple[Matrix, Matrix, str]]:
-    """Pairs to be tried in turn, block diagonal where there are several groups.  Each group's proposals end with one
-    that must do, which stands in when they are used up."""
+    """Pairs in turn, block diagonal; the last of a group, which must do, stands in when its others are used up."""
     each = [
         propose_pairs(group.exosystem, W, bound=bound, decay=decay_rate(group.exosystem, W))
         for group, W in zip(groups, gains, strict=True)

@@ -65,8 +65,7 @@ class Accepted:
 def with_cures(
     problem: Problem, checks: Sequence[Check], findings: Findings, *, decide: Decide, progress: Progress
 ) -> tuple[Check, ...]:
-    """The checks, those that failed with a fix where one is found and proved: ``decide`` decides all checks of another
-    problem as these were.  A numerical library that breaks down costs a cure, never a check."""
+    """The checks, failed ones with a fix where one is proved: ``decide`` decides all checks of another problem."""
     if findings.statements.inapplicable is not None:
         return tuple(checks)
     found: dict[str, Fix] = {}
@@ -144,8 +143,7 @@ def _merged(fixes: Sequence[Fix]) -> Fix | None:
 
 
 def _model_parts(problem: Problem) -> list[Fix]:
-    """What the exosystem and W need: the observable part in place of an undetectable pair, a W that decays.  A P
-    goes with the W given, for which it was meant."""
+    """What the exosystem and W need: the observable part of an undetectable pair; a W that decays, with its P."""
     parts: list[Fix] = []
     if problem.is_grouped or problem.exosystem is None or too_large(problem.exosystem) is not None:
         return parts
@@ -168,8 +166,7 @@ def _model_parts(problem: Problem) -> list[Fix]:
 
 
 def _network_fix(problem: Problem, findings: Findings, progress: Progress) -> Fix | None:
-    """The cheapest pins and gains that are proved to hold the network: with weights of V for one mode and rising
-    couplings, else with Lambda < 0 in every mode."""
+    """The cheapest pins and gains proved to hold the network: with weights of V for one mode, else with Lambda < 0."""
     present = list(_proved(problem, cures.on_present_pins(problem)))
     if present:
         other = None

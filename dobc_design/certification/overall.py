@@ -12,7 +12,7 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
-from dobc_design.conditions.graphs.claim import signals_in_words
+from dobc_design.conditions.graphs.decide import signals_in_words
 from dobc_design.conditions.numbers import shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
 from dobc_design.conditions.schedule.cycles import cycles_of, may_stay, phases_of
@@ -90,8 +90,7 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
 
 
 def _apart_reason(problem: Problem) -> str | None:
-    """Agents that nothing pulls to the target, in all modes or in a cycle that the guarantee allows, if the region lets
-    them start so."""
+    """Agents that nothing pulls to the target, always or in a cycle of modes, if the region lets them start so."""
     labels, modes, phases = problem.network.labels, problem.network.modes, phases_of(problem)
     for cycle in (tuple(modes), *(cycles_of(phases) if len(phases) <= MOST_PHASES else ())):
         reason = _apart_in(problem, cycle, labels)

@@ -131,8 +131,7 @@ def _what_follows(*refusals: str) -> str:
 
 
 def agreed(claims: Claims, problem: Problem) -> Claims:
-    """What both programs confirm of claims that this one has made: checks that the lone checker refuses become
-    undecided, and the verdict follows.  Larger problems are left to ``verify``."""
+    """What both programs confirm of claims just made: what the lone checker refuses becomes undecided."""
     arcs = sum(len(mode) for mode in problem.network.modes.values())
     if arcs > PROMPT_ARCS or problem.n * problem.m > PROMPT_ARCS:
         return claims
@@ -167,8 +166,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
-    """Confirm the claims one by one, then that the verdict follows from those confirmed.  Raises: CertificateError
-    if the bytes are no certificate."""
+    """Confirm the claims one by one, then that the verdict follows from those confirmed.  Raises: CertificateError."""
     claims = read_claims(certificate) if isinstance(certificate, bytes) else certificate
     failures: list[str] = []
     if claims.problem_sha256 != problem_sha256(problem):
@@ -199,8 +197,7 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trusted:
-    """What claims are confirmed against: the problem, its conditions, and the matrices the claims use.
-    ``separable``: the max-separable check of the same certificate, on which those of delays and sampling rest."""
+    """What claims are confirmed against; ``separable``: the max-separable check beside, for delays and sampling."""
 
     problem: Problem
     statements: Statements
@@ -228,8 +225,7 @@ def trust(claims: Claims, problem: Problem) -> Trusted:
 
 
 def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None], ...]:
-    """The (id, mode, group) of the checks that every complete certificate of this problem holds.  It may hold
-    regional ones besides."""
+    """The (id, mode, group) of the checks that every complete certificate holds; regional ones may stand beside."""
     modes, observer_ids = tuple(problem.network.modes), ("observability", "detectability", "hurwitz")
     theorem = "theorem1" if len(modes) == 1 else "theorem2"
     theorems = [f"{theorem}-printed", theorem] if problem.joint_observer.P is not None else [theorem]

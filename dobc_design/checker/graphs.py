@@ -9,6 +9,7 @@ from .cycles import decays, inside, phases, reached, rises
 from .files import Certificate, Problem, reach
 from .matrices import ZERO, Matrix, definite, plus, product, stable, transpose
 from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read, same, short, text, weights
+from .separable import observed
 
 
 def generator(p: Problem) -> Matrix:
@@ -30,11 +31,6 @@ def may_stay(p: Problem, mode: str) -> bool:
         return generator(p)[place][place] == 0
     turns = phases(p)
     return all(turn.mode == mode for turn in turns) or any(turn.longest is None for turn in turns if turn.mode == mode)
-
-
-def observed(p: Problem) -> dict[str, Any]:
-    """The keys of the observer's part."""
-    return {"P": matrix(p.q, p.q), "beta": rational, "kappa": rational, "size": rational} if p.q else {}
 
 
 def safety(case: Certificate, check: Any) -> None:

@@ -10,12 +10,11 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from .cycles import keeps, read_cycles, timed, turn_at
+from .cycles import HALVINGS, TIMES, Face, fading, keeps, read_cycles, shown, timed, turn_at
 from .files import Certificate
 from .intervals import enclosed
 from .margins import root
 from .matrices import ZERO, identity, nonnegative, plus
-from .moving import HALVINGS, TIMES, Face, fading, shown
 from .quadratic import contained, inside, read_quadratic
 from .reading import an_object, need, rational, read, text, weights
 from .separable import Curve, composite, pace, read_separable, rows, starts

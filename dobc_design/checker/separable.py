@@ -181,14 +181,16 @@ def stuck(p: Problem, check: Any) -> None:
         need(p.least_gain(i) <= 0 and inside, "an agent of the witness is held, or hears somebody outside")
 
 
+def observed(p: Problem) -> dict[str, Any]:
+    """The shape of the observer's part of a claim."""
+    return {"P": matrix(p.q, p.q), "beta": rational, "kappa": rational, "size": rational} if p.q else {}
+
+
 def read_separable(case: Certificate, exact: Any) -> Any:
     """What a max-separable claims: N decays at alpha where N <= rho (null: everywhere); with an exosystem, that
     |C eps_i| <= E = max sqrt(eps_i'P eps_i), which decays at the rate beta."""
     p = case.problem
-    shape: dict[str, Any] = {"v": partial(weights, p.n), "alpha": rational, "rho": maybe(rational)}
-    if p.q:
-        shape |= {"P": matrix(p.q, p.q), "beta": rational, "kappa": rational, "size": rational}
-    claim = read(exact, shape)
+    claim = read(exact, {"v": partial(weights, p.n), "alpha": rational, "rho": maybe(rational)} | observed(p))
     need(p.q == 0 or claim.kappa > 0, "kappa is not positive")
     return claim
 

@@ -183,8 +183,7 @@ def limited(id: str, domain: str, decide: Callable[[], Check]) -> Check:
 
 @contextmanager
 def surviving(what: str, *beside: type[Exception]) -> Iterator[None]:
-    """A proposal in floating point may break down (or meet what stands ``beside``): the log tells it, and all goes on
-    without."""
+    """A proposal in floating point may break down (or meet what stands ``beside``): the log tells it, all goes on."""
     expected: tuple[type[Exception], ...] = (ArithmeticError, RuntimeError, ValueError, *beside)
     try:
         yield
@@ -198,8 +197,7 @@ def starts_in(kind: str, radius: float, disturbance: float) -> Domain:
 
 
 def read_domain(domain: object, problem: Problem, *, kind: str) -> tuple[Fraction, Fraction]:
-    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".  Raises: ValueError or TypeError for
-    another one, and for a disturbance without an exosystem."""
+    """Radius > 0 and disturbance >= 0 of a domain, ``kind`` "box" or "ball".  Raises: ValueError or TypeError."""
     if not isinstance(domain, Mapping) or set(domain) != {"kind", "radius", "disturbance"} or domain["kind"] != kind:
         raise ValueError(f"the domain must be a {kind} with radius and disturbance")
     radius, disturbance = number_or_none(domain["radius"]), number_or_none(domain["disturbance"])
@@ -230,8 +228,7 @@ def other_cures(checks: Sequence[Check]) -> list[Check]:
 
 
 def check_from_json(data: Any) -> Check:
-    """Read a check back.  Raises: KeyError, TypeError or ValueError on anything else; a field that is not known here is
-    refused, because nobody would have checked it."""
+    """Read a check back.  Raises: KeyError, TypeError or ValueError, also for a field that is not known here."""
     require_keys(data, "a check", needed=NEEDED, allowed=OPTIONAL)
     domain, witness, fix = data["domain"], data.get("witness"), data.get("fix")
     if "witness" in data:

@@ -9,7 +9,7 @@ import math
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterable
 from fractions import Fraction
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,7 @@ def claimed(value: float) -> Fraction:
 
 
 def shorten(value: float | Fraction, *, digits: int = 9) -> float:
-    """Round a positive number down to about ``digits`` decimal digits: ``claimed`` of it is at most ``value``.  0.0 for
-    anything that is not positive and finite, or too small for a float."""
+    """Round down to about ``digits`` digits, ``claimed`` of it included; 0.0 for what is not positive and finite."""
     if isinstance(value, float) and not math.isfinite(value):
         return 0.0
     below = float_below(Fraction(value))
@@ -74,8 +73,7 @@ def decimal_below(value: Fraction) -> float:
 
 
 def decimal_above(value: Fraction) -> float:
-    """A decimal number >= ``value`` >= 0 of at most twelve digits; the same number if it has no more.  Larger ones than
-    a float can be are cut: no box is as large."""
+    """A decimal number >= ``value`` >= 0 of at most twelve digits; those beyond the floats are cut."""
     if value <= 0:
         return 0.0
     if value > LARGEST:
@@ -99,8 +97,7 @@ def follows(rate: float | None, proved: Fraction) -> bool:
 
 
 def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
-    """The first number a little below ``estimate`` for which ``holds`` proves the claim; 0 last; None if none.
-    ``estimate`` is a proposal from floating point; only ``holds``, which is exact, decides."""
+    """The first number a little below ``estimate`` for which ``holds`` proves the claim; 0 last; None if none."""
     if estimate > 0 and math.isfinite(estimate):
         for part in SHRINK:
             candidate = shorten(estimate * (1 - part))
@@ -146,6 +143,19 @@ def doubles_from_json(data: object) -> NDArray[np.float64]:
     if not np.all(np.isfinite(doubles)):
         raise ValueError("every number must be finite")
     return doubles
+
+
+def matrix_from_json(rows: Any) -> Matrix:
+    """Read rows of rationals.  Raises: KeyError, TypeError or ValueError for anything else."""
+    return tuple(tuple(read_rational(entry) for entry in row) for row in rows)
+
+
+def form_from_json(rows: Any) -> Matrix:
+    """The same for a P, whose entries need a short common denominator."""
+    P = matrix_from_json(rows)
+    if not is_short(P):
+        raise ValueError("P needs too long a common denominator")
+    return P
 
 
 def vector_to_json(v: Vector | Doubles) -> list[str] | dict[str, str]:

@@ -28,11 +28,6 @@ class Statement(Shown):
         return {"kind": self.kind, "text": self.text, "verdict": self.verdict.value, "exact": dict(self.exact)}
 
 
-def decided(holds: bool) -> Verdict:
-    """PROVED or REFUTED, for what exact arithmetic answers by yes or no."""
-    return Verdict.PROVED if holds else Verdict.REFUTED
-
-
 def _stated(verdict: Verdict, kind: str, text: str, /, **exact: str) -> Statement:
     return Statement(kind=kind, text=text, verdict=verdict, exact=exact)
 

@@ -58,8 +58,7 @@ class Square:
 
 
 def squares_of(M: SparseSymmetric) -> tuple[Square, ...] | None:
-    """Return the squares M is the sum of, in the order of elimination, or None if M is not positive definite.  Pivots
-    are taken on the diagonal by least degree, then least index, so the answer is unique."""
+    """The squares M is the sum of, pivots by least degree, then least index; None if M is not positive definite."""
     steps: list[Step] = []
     if _eliminate(M.rows(), steps, strict=True, most_work=None) is not None:
         return None
@@ -184,8 +183,7 @@ class IntegerFactor:
 
 
 def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
-    """Return D M D, or None if the diagonal is not positive, or integers v with v'Mv < 0.  The last where an entry is
-    too large beside its two diagonal entries: |(D M D)_ij| >= 1, and both of those < 1."""
+    """Return D M D; None if the diagonal is not positive; integers v with v'Mv < 0 where an entry is too large."""
     low_bits = 27 - (max(M.size - 1, 1).bit_length() + 1) // 2
     bits = 2 * (HIGH_BITS + low_bits)
     found = _whole_entries(M, bits)
@@ -214,8 +212,7 @@ def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
 
 
 def _whole_entries(M: SparseSymmetric | IntegerSymmetric, bits: int) -> tuple[Whole, Whole, Whole, NDArray[Any]] | None:
-    """Return exponents, rows, columns, and 2^bits D M D at these places rounded down; None as above.  Of an
-    IntegerSymmetric the denominator is left out: it changes no sign."""
+    """Exponents, rows, columns, and 2^bits D M D there rounded down; None as above.  A denominator is left out."""
     if isinstance(M, IntegerSymmetric):
         rows, columns, numerators = M.rows, M.columns, M.values.astype(object)
         denominators = np.ones(len(rows), dtype=object)
@@ -267,8 +264,7 @@ def integer_factors(S: Scaled) -> Iterator[IntegerFactor]:
 
 
 def leaves_dominated_rest(S: Scaled, factor: IntegerFactor) -> bool:
-    """Tell whether D M D - L L' > 0 is proved, for any L of integers: it is dominated by its diagonal.  Matrix products
-    of integers in doubles, bounded by Cauchy and Schwarz to stay below 2^53; the rest in int64."""
+    """Whether D M D - L L' is dominated by its diagonal, any integers L; products in doubles stay below 2^53."""
     high, low = factor.high, factor.low
     if not all(np.array_equal(part, np.rint(part)) for part in (high, low)):
         return False

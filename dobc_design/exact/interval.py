@@ -36,8 +36,7 @@ def height(value: Fraction) -> int:
 
 
 def round_down(value: Fraction, bits: int = BITS) -> Fraction:
-    """Return a number <= value of at most ``bits`` significant bits; beyond 2^65536 that power, below 2^-65536 zero.
-    Raises: OverflowError for values below -2^65536."""
+    """Return a number <= value of at most ``bits`` significant bits.  Raises: OverflowError below -2^65536."""
     if not value:
         return value
     numerator, denominator = value.numerator, value.denominator
@@ -134,8 +133,7 @@ def _ends(ball: arb) -> tuple[Fraction, Fraction]:
 
 
 def _dyadic(number: arb) -> tuple[Fraction, Fraction]:
-    """Return an exact ball's value and the error made by leaving out exponents below any use: fmpq() ends the process
-    where a radius has an exponent of -2^15000 (tanh far out)."""
+    """An exact ball's value and the error of dropping tiny exponents: fmpq() ends the process at radii of 2^-15000."""
     mantissa, exponent = (int(part) for part in number.man_exp())
     if exponent < -_MAX_EXPONENT and mantissa.bit_length() + exponent < 0:
         return Fraction(0), Fraction(1, 1 << min(_MAX_EXPONENT, -exponent - mantissa.bit_length()))
@@ -521,8 +519,7 @@ def interval_characteristic_polynomial(F: Sequence[Sequence[Interval]]) -> tuple
 
 
 def interval_routh(coefficients: Sequence[Interval | Fraction]) -> Verdict:
-    """Decide whether every polynomial with coefficients in the intervals has all roots in Re s < 0.  PROVED: all have;
-    REFUTED: none has; UNDECIDED: an interval of Routh's first column holds 0."""
+    """Decide whether polynomials with such coefficients have all roots left: PROVED all, REFUTED none, or UNDECIDED."""
     values = [x if isinstance(x, Interval) else Interval.point(x) for x in coefficients]
     if values[0].lo <= 0 <= values[0].hi:
         return Verdict.UNDECIDED

@@ -93,8 +93,7 @@ def kronecker(M: Matrix, N: Matrix) -> Matrix:
 
 
 def inverse(M: Matrix) -> Matrix:
-    """Return the inverse of a square matrix (k, k).  Raises: ShapeError if it is not square, SpecError if it is
-    singular."""
+    """Return the inverse of a square matrix (k, k).  Raises: ShapeError; SpecError if it is singular."""
     size = require_square(M, name="matrix to invert")
     try:
         return from_fmpq_mat(to_fmpq_mat(M).inv()) if size else ()
@@ -117,8 +116,7 @@ def rank(M: Matrix) -> int:
 
 
 def nullspace(M: Matrix) -> tuple[Vector, ...]:
-    """Return a basis of {v : M v = 0}, M (a, b): column vectors of length b, none if it is {0}.  Each vector is 1 at
-    its own free column and 0 at the free columns of the others."""
+    """Return a basis of {v : M v = 0}, M (a, b): each vector is 1 at its own free column, 0 at those of the others."""
     reduced, pivots = row_echelon(M)
     row, columns = dict(zip(pivots, reduced, strict=True)), range(shape(M)[1])
     free = [k for k in columns if k not in row]

@@ -97,8 +97,7 @@ def number_key(value: object) -> str:
 
 
 def number_text(value: Fraction) -> str:
-    """Return "16/5", or "3" for an integer.  Where the quotient would be too long for ``parse_number`` and the number
-    is a decimal, the decimal is returned ("1e-300"); reading the text always gives the number back."""
+    """Return "16/5", "3", or a decimal ("1e-300") where a quotient would be too long; reading gives it back."""
     quotient = quotient_text(value)
     long = max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS
     parts = None if long or len(quotient) <= MAX_CHARACTERS else decimal_parts(abs(value))
@@ -187,8 +186,7 @@ def common_denominator(values: Iterable[Fraction], *, bits: int, start: int = 1)
 
 
 def read_text(text: str, *, key: str, longest: int = MAX_CHARACTERS, given: object = None) -> Fraction:
-    """Return the number of a text as ``parse_number`` takes it, of at most ``longest`` characters.  Raises: SpecError
-    for any other text; it shows what was ``given``, which need not be text."""
+    """The number of a text of at most ``longest`` characters.  Raises: SpecError, which shows what was ``given``."""
     refusal = partial(_refusal, key, text if given is None else given)
     if len(text) > longest:
         raise refusal(f"must have at most {longest} characters")

@@ -45,8 +45,7 @@ class Detectability(Shown):
 
 
 def observability_matrix(A: Matrix, C: Matrix) -> Matrix:
-    """Return [C; C A; ...; C A^(q-1)], (q m, q), for A (q, q) and C (m, q).  Raises: ShapeError if the shapes do not
-    fit."""
+    """Return [C; C A; ...; C A^(q-1)], (q m, q), for A (q, q) and C (m, q).  Raises: ShapeError."""
     size = _require_pair(A, C)
     if not size or not C:
         return ()

@@ -66,8 +66,7 @@ def routh_column(coefficients: Sequence[Any]) -> Iterator[Any]:
 
 
 def decide_hurwitz(A: Matrix) -> RouthTable:
-    """Decide exactly whether every eigenvalue of A (q, q), in 1/s, has a negative real part.  The empty matrix is
-    Hurwitz. Raises: ShapeError if A is not square."""
+    """Decide exactly whether every eigenvalue of A (q, q), in 1/s, has a negative real part.  Raises: ShapeError."""
     return routh(characteristic_polynomial(A))
 
 
@@ -200,8 +199,7 @@ def cone_image(coefficients: Coefficients, *, damping: Fraction) -> Coefficients
 
 
 def decide_images(images: Sequence[Coefficients], *, degree: int) -> tuple[bool, bool]:
-    """Return (all roots of all images left or on the axis, all strictly left), exactly.  ``degree`` is that of an image
-    that lost no root to infinity; one that did has a root on the border."""
+    """(All roots of all images left or on the axis, all strictly); roots lost to infinity are on the border."""
     inside = all(count_right_half_plane(image) == 0 for image in images)
     strictly = inside and all(
         len(image) == degree + 1 and image[0] != 0 and routh(image).verdict is Verdict.PROVED for image in images
@@ -210,8 +208,7 @@ def decide_images(images: Sequence[Coefficients], *, degree: int) -> tuple[bool,
 
 
 def has_root_up_to_zero(coefficients: Sequence[Fraction]) -> bool:
-    """Return whether a polynomial has a real root x <= 0, by Sturm's theorem.  Raises: SpecError for the zero
-    polynomial."""
+    """Return whether a polynomial has a real root x <= 0 (Sturm).  Raises: SpecError for the zero polynomial."""
     polynomial = _flint(_monic(coefficients))
     if polynomial[0] == 0:
         return True

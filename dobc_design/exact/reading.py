@@ -48,8 +48,7 @@ def is_text(value: object) -> bool:
 
 
 def read_matrix(value: Any, *, key: str, shape: tuple[int, int] | None = None, because: str = "") -> Matrix:
-    """Read a matrix given by rows, exactly.  ``shape`` is what it must have, if known; ``because`` says why, and goes
-    into the message. Raises: ShapeError for ragged, empty or wrongly shaped input; SpecError for a bad number."""
+    """Read a matrix given by rows, exactly; ``because`` says why the ``shape``.  Raises: ShapeError; SpecError."""
     rows = value.tolist() if isinstance(value, np.ndarray) else value
     example = "For example [[1, 0], [0, 1]]; a column is [[1], [2]]."
     if not is_list(rows) or not rows or not all(is_list(row) for row in rows):

@@ -204,8 +204,7 @@ class IntegerSymmetric(Shown):
 
     @classmethod
     def from_floats(cls, matrix: NDArray[np.floating[Any]]) -> IntegerSymmetric:
-        """Return the exact binary value of a finite symmetric float array (n, n).  Raises: ShapeError if it is not
-        square and exactly symmetric; SpecError for nan and inf."""
+        """Return the exact binary value of a symmetric float array (n, n).  Raises: ShapeError; SpecError."""
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
             raise wrong("matrix", f"must be square; got shape {matrix.shape}.", kind=ShapeError)
         if not np.isfinite(matrix).all():

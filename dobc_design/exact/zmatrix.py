@@ -172,8 +172,7 @@ def _comparison(rows: Rows) -> Rows:
 
 
 def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
-    """Return the indicator of the smallest connected group whose row sums are all <= 0, if there is one.  The sum of
-    all entries in the group is then <= 0; if not strict, one row sum has to be < 0."""
+    """The indicator of the smallest connected group whose row sums are all <= 0 (if not strict: one < 0), if any."""
     labels = _components(rows)
     sizes = np.bincount(labels, minlength=len(labels))
     unheld = sizes > 0
@@ -212,8 +211,7 @@ def _rounded(x: Floats, bits: int) -> Places:
 
 
 def _conjugate_gradients(M: Rows) -> tuple[Floats | None, Floats | None]:
-    """Solve M x = diag(M) until every row is met by half; return x or None, and a direction p if p'Mp is about <= 0.  M
-    x = diag(M) is only a wish: any x > 0 with M x > 0 will do. Guesses only."""
+    """Guess x with M x = diag(M), every row met by half, or None; and a direction p if p'Mp is about <= 0."""
     longest = max(int(M.values.max()).bit_length(), int(M.values.min()).bit_length())
     values = (M.values >> max(0, longest - 1000)).astype(np.float64)
     root = np.sqrt(values[M.rows == M.columns])

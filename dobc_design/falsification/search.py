@@ -20,8 +20,7 @@ from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, surviving
 from dobc_design.conditions.coverage import Progress
-from dobc_design.conditions.equilibrium.claim import LARGEST, Equilibrium
-from dobc_design.conditions.equilibrium.decide import enclose_equilibrium, refuting_check
+from dobc_design.conditions.equilibrium.decide import LARGEST, Equilibrium, enclose_equilibrium, refuting_check
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule.cycles import may_stay
 from dobc_design.errors import wrong

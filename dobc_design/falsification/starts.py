@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of
-from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.kinds import ids_of

@@ -262,6 +262,11 @@ class Switching(Shown):
                 object.__setattr__(self, each.name, None if value is None else _read(signal, each.name, value))
         raise_all(errors or _misfits(self))
 
+    @property
+    def is_guaranteed(self) -> bool:
+        """Whether proofs may assume more than that any mode is on at any time."""
+        return self.guarantee not in (None, "arbitrary")
+
 
 def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switching | None:
     """Check what refers to the network's modes.  Raises: SpecError that names every wrong entry."""

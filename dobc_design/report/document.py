@@ -139,8 +139,7 @@ class Matrices(Block):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A figure that is still to be drawn, with its caption and its text alternative; sizes in inches.  ``name`` begins
-    the identifiers of its SVG, so that several figures can share a page."""
+    """A figure still to be drawn, with caption and text alternative; inches.  ``name`` begins the SVG identifiers."""
 
     name: str
     title: str
@@ -268,8 +267,7 @@ class Only(Block):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Document:
-    """A whole document: what it is and about whom, its verdict, what identifies it, and its blocks.  ``details`` come
-    after them: closed on a page until somebody opens them, printed only where the whole report is asked for."""
+    """A whole document; ``details`` are closed on a page, and printed only where the whole report is asked for."""
 
     kind: str
     name: str

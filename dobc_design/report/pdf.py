@@ -40,8 +40,7 @@ _JOINT = re.compile(r"([/_.,;:@-])")
 
 
 def pdf_page(document: doc.Document, *, full: bool = False) -> bytes:
-    """The bytes of the PDF; ``full``: with all details, not only how to check it and where to sign.  Raises: SpecError
-    without the package typst."""
+    """The bytes of the PDF; ``full``: with all details.  Raises: SpecError without the package typst."""
     require_typst()
     return compile_pdf(content(document, full=full))
 
@@ -192,8 +191,7 @@ def _matrix(shown: doc.ShownMatrix) -> dict[str, Any]:
 
 
 def number_parts(value: Fraction, *, exact: bool = True) -> dict[str, Any]:
-    """A rational for the template: sign and digits, a rounded decimal with its power of ten, or where ``exact`` a
-    fraction that has no short decimal."""
+    """A rational for the template: sign and digits, a decimal with its power of ten, or an ``exact`` fraction."""
     sign, size = value < 0, abs(value)
     small = max(size.numerator.bit_length(), size.denominator.bit_length()) <= 4 * LONGEST_NUMBER
     if exact and small and Fraction(significant(size, 6)) != size:

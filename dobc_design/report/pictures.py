@@ -178,8 +178,7 @@ def _state_picture(problem: Problem, trajectory: Trajectory, c: int) -> Picture:
 
 
 def error_picture(certificate: Certificate, trajectory: Trajectory, worst: Trajectory | None = None) -> Picture:
-    """The error with what is proved about it: a bound where this start is covered, else the slope alone; beside it that
-    of ``worst``, from the same start with a slow signal."""
+    """The error with what is proved about it, bound or slope; beside it that of ``worst``, with a slow signal."""
     times, error, proved = trajectory.times, trajectory.error(), certificate.envelope(trajectory)
     caption = "Solid: |e|∞, the largest |xᵢ − goal| of all agents in one simulated run."
     alt = f"Largest error over time: {number(float(error[0]))} at the start, {number(float(error[-1]))} at the end"

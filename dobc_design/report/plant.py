@@ -103,8 +103,7 @@ def _numbers(check: Check, key: str) -> dict[str, Fraction]:
 
 
 def _worst(values: Mapping[str, Fraction], head: str, limits: Mapping[str, Fraction | None]) -> tuple[doc.Block, ...]:
-    """The agents with the largest values, first those closest to their limits; agents with the same numbers share a
-    row.  Values are rounded up."""
+    """The agents with the largest values, rounded up, closest to their limits first; equal ones share a row."""
     worst = sorted(values, key=lambda x: (limits.get(x) is not None, values[x] / (limits.get(x) or 1)), reverse=True)
     rows: dict[tuple[str, str], list[str]] = {}
     for label in worst:

@@ -11,7 +11,7 @@ from dobc_design._show.cards import SIGNS
 from dobc_design._show.text import significant, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
-from dobc_design.conditions.graphs.claim import signals_in_words
+from dobc_design.conditions.graphs.decide import signals_in_words
 from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.matrix import Matrix, Vector, matrix
@@ -363,8 +363,7 @@ def _mode_sentence(arcs: Arcs, problem: Problem) -> str:
 
 
 def common_offsets(pairs: Iterable[tuple[int, int]], n: int) -> tuple[int, ...] | None:
-    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None.  ``pairs`` are
-    (listener, speaker), each once."""
+    """The steps s with "every agent i listens to i + s (mod n)" when they are all there is, else None."""
     known = list(pairs)
     steps = {(speaker - listener) % n for listener, speaker in known}
     return tuple(sorted(steps)) if known and len(known) == n * len(steps) else None
@@ -378,7 +377,7 @@ def problem_words(problem: Problem) -> str:
     if problem.switching is not None:
         allowed = "are about the arcs of the modes" if problem.switching.signal == "mobile" else "allow any signal"
         run = "stays in one mode"
-        if problem.switching.guarantee not in (None, "arbitrary"):
+        if problem.switching.is_guaranteed:
             allowed = f"{allowed}, except those that say for which signals they hold"
         if problem.switching.guarantee in ("dwell", "sequence"):
             run = "switches like that"

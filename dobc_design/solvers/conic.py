@@ -30,8 +30,7 @@ TIME_LIMIT: Final = 20.0  # seconds for one call of one solver; the programs of 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cone:
-    """``right`` - ``rows`` x lies in a cone: the svec of a matrix, or a ball: others at most as long as the first;
-    rows (r, k) a NumPy or SciPy array, right (r,)."""
+    """``right`` - ``rows`` x lies in a cone: the svec of a matrix, or a ball; rows (r, k), right (r,)."""
 
     kind: Literal["semidefinite", "nonnegative", "ball"]
     rows: Any
@@ -194,8 +193,7 @@ def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
 
 
 def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
-    """The cvxpy problem of a Program and its variables by name (P, declared symmetric, Q and perhaps t): the block LMI
-    of Theorems 1 and 2 as the paper writes it, size n (m + q) per mode; the oracle of the reduced form."""
+    """The cvxpy problem of a Program, the block LMI of the paper, and its variables; the oracle of the reduced form."""
     import cvxpy as cp
 
     first = program.pencils[0]
@@ -253,9 +251,8 @@ def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
 
 
 def climb(programs: Iterable[tuple[Program, T]]) -> Iterator[tuple[Solution, T, str]]:
-    """Solve each program by Clarabel and, where that gave no point for one of them, by SCS through cvxpy.  Returns: the
-    answer (perhaps without values), the label, and how it came about: "" for Clarabel, else such as "by SCS, after
-    Clarabel gave no point (MaxTime)"."""
+    """Solve each by Clarabel, by SCS where that gave no point: answer, label, and how it came about ("" by
+    Clarabel)."""
     source = iter(programs)
     asked: list[tuple[Program, T]] = []
     trouble: str | None = None

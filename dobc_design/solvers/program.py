@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse.csgraph import structural_rank
+from scipy.sparse.linalg import splu
 
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.pencil import Pencil
@@ -63,8 +65,7 @@ class Solution:
 
 
 def is_solver_failure(error: BaseException) -> bool:
-    """Whether an exception out of a solver means that it gave up, not that the program is to stop.  A panic inside a
-    solver written in Rust arrives as a BaseException that cannot be imported: it is known by name."""
+    """Whether a solver gave up; a panic in Rust arrives as a BaseException that is known by name only."""
     ordinary = isinstance(error, Exception) and not isinstance(error, MemoryError)
     return ordinary or type(error).__name__ == "PanicException"
 
@@ -92,3 +93,14 @@ def round_matrix(array: Array, digits: int) -> Matrix:
     places = digits - 1 - math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
     unit = Fraction(10) ** places
     return tuple(tuple(Fraction(round(Fraction(float(x)) * unit)) / unit for x in row) for row in array)
+
+
+def factored(matrix: Any, **options: Any) -> Any:
+    """L U of a square sparse matrix, with `solve`; options as for SciPy's splu.  Raises: RuntimeError if the matrix is
+    singular or not finite, also where its places alone show it: there SuperLU itself ends the whole process."""
+    columns = sparse.csc_array(matrix)
+    if not np.all(np.isfinite(columns.data)):
+        raise RuntimeError("not finite")
+    if np.any(columns.diagonal() == 0) and structural_rank(columns) < columns.shape[0]:
+        raise RuntimeError("singular by its places")
+    return splu(columns, **options)

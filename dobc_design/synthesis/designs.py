@@ -30,10 +30,9 @@ OF_ALL_SIGNALS = ("structure", "pins", "rate", "max_gain")
 
 
 def _under_guarantee(problem: Problem, found: Found) -> Found:
-    """What cannot be done under arbitrary switching may be possible where modes keep a guarantee, which designs do not
-    look at: then nothing is refuted."""
+    """Designs ignore the guarantee: what arbitrary switching forbids may do under it, so nothing is refuted."""
     own, kinds = problem.switching, {each.kind for each in found.statements}
-    known = own is not None and own.guarantee not in (None, "arbitrary") and len(problem.network.modes) > 1
+    known = own is not None and own.is_guaranteed and len(problem.network.modes) > 1
     if not known or found.verdict is not Verdict.REFUTED or not kinds & set(OF_ALL_SIGNALS):
         return found
     more = " Less may do under the guarantee of [switching], which designs do not look at: certify gains of your own."

@@ -16,7 +16,7 @@ import pytest
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.regions import RegionClaim, Regions
-from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure

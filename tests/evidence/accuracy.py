@@ -7,7 +7,7 @@ from disturbed import exact_gain, final_errors
 from evidence.row import Row
 
 from dobc_design.certification.certify import certify, verify
-from dobc_design.conditions.accuracy.claim import Accuracy
+from dobc_design.conditions.accuracy.decide import Accuracy
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 

@@ -14,8 +14,7 @@ import dobc_design as dd
 from dobc_design import Problem, Verdict
 from dobc_design.certification.overall import decide_overall
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.equilibrium.claim import Equilibrium
-from dobc_design.conditions.equilibrium.decide import refuting_check
+from dobc_design.conditions.equilibrium.decide import Equilibrium, refuting_check
 from dobc_design.exact.interval import Interval
 
 

@@ -16,7 +16,7 @@ from separable_problems import MONOTONE, TURNING, cycle, random_problem
 
 import dobc_design as dd
 from dobc_design import Problem, Verdict
-from dobc_design.conditions.boxes.claim import Shell
+from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
 from dobc_design.conditions.separable.claim import Separable, separable_from_json

@@ -11,7 +11,7 @@ import pytest
 from scipy import sparse
 
 import dobc_design
-from dobc_design.solvers.sparse import factored
+from dobc_design.solvers.program import factored
 
 
 def test_matrices_whose_places_make_them_singular_are_refused():
@@ -46,4 +46,4 @@ def test_nothing_else_calls_superlu():
         for path in Path(dobc_design.__file__).parent.rglob("*.py")
         if re.search(r"\bsplu\(|\bspsolve\(", path.read_text(encoding="utf-8"))
     ]
-    assert found == ["sparse.py"]
+    assert found == ["program.py"]

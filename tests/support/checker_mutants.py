@@ -31,7 +31,6 @@ FILES = (
     "accuracy",
     "margins",
     "quadratic",
-    "moving",
     "cycles",
     "schedule",
     "graphs",

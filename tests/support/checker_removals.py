@@ -24,7 +24,6 @@ FIRST = {
     "margins": margins_cases,
     "accuracy": accuracy_cases,
     "quadratic": quadratic_cases,
-    "moving": tube_cases,
     "schedule": tube_cases,
     "cycles": cycles_cases,
     "graphs": graphs_cases,

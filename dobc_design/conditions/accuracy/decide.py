@@ -1,4 +1,8 @@
-"""Final bounds of the error, decided: peak gains of the observer, rows with a constant part, one stage in the next.
+"""Final bounds of the error under [uncertainty]: what a proved ``accuracy`` claims (theory, section 12).
+
+The plant is x_i' = sum_j w h_ij(x_j - x_i) + u_i + d_i + w_i with |w_i| <= omega, xi_i' = A xi_i + g_i with |g_i| <=
+gamma, and every measured state may be off by nubar (by component, all).  Then every start of the domain ends with
+|e_i| <= bounds_i, for arbitrary switching, and no start of it leaves the box |e_i| <= rho v_i of the first stage.
 
 With F = A - WC and H_i = sum_j w sup |h'|, what acts on agent i besides its row and a part of the estimation error
 that decays by itself is at most (theory, What the model leaves out)
@@ -11,18 +15,18 @@ stays below it, if kappa beta min v > 1 for the part of V that is the observer's
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache, partial
-from typing import Final
+from typing import Any, Final
 
-from dobc_design.conditions.accuracy.claim import MOST_STAGES, Accuracy, Level, Peaks, read_claim
-from dobc_design.conditions.check import Check, Domain, read_domain, undecided_check
-from dobc_design.conditions.numbers import rounded_up
+from dobc_design.conditions.check import Check, Domain, read_domain, read_object, undecided_check
+from dobc_design.conditions.numbers import read_rational, rounded_up, vector_from_json, vector_to_json
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.checks import obstacle as not_applicable
-from dobc_design.conditions.separable.claim import FACES, Row, Separable
+from dobc_design.conditions.separable.claim import FACES, OBSERVED, ErrorBound, Row, Separable, error_from_json
 from dobc_design.conditions.separable.decide import (
     coupling_profiles,
     covers,
@@ -33,11 +37,105 @@ from dobc_design.conditions.separable.decide import (
 from dobc_design.coupling.enclosures import Profile, jet
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, multiply
+from dobc_design.exact.matrix import Matrix, Vector, multiply
+from dobc_design.exact.number import number_text
 from dobc_design.exact.peaks import peak_gains, row_norm
+from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+MOST_STAGES: Final = 30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Level:
+    """One stage: for all s in [level, rho] the box |e_i| <= s v_i shrinks, N = max |e_i|/v_i falling at least at the
+    rate alpha.  ``rho`` None: for all s >= level (linear couplings).  All numbers > 0."""
+
+    v: Vector | Doubles
+    alpha: Fraction
+    level: Fraction
+    rho: Fraction | None
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values as text."""
+        numbers = {name: number_text(getattr(self, name)) for name in ("alpha", "level")}
+        return {"v": vector_to_json(self.v), **numbers, "rho": None if self.rho is None else number_text(self.rho)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Peaks:
+    """How far the observer passes on what the model leaves out, F = A - WC: upper bounds of the integrals of
+    |C exp(F t) W| (``disturbance``), |C exp(F t)| (``drift``), and of |C exp(F t) F W|, plus |C W| (``measurement``),
+    row sums, in every group of agents.  Shown in ``steps`` steps of ``step`` (s)."""
+
+    disturbance: Fraction
+    drift: Fraction
+    measurement: Fraction
+    step: Fraction
+    steps: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values as text."""
+        names = ("disturbance", "drift", "measurement", "step")
+        return {**{name: number_text(getattr(self, name)) for name in names}, "steps": self.steps}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Accuracy:
+    """Stages from the outside inwards, and ``bounds``: label -> final bound of |e_i|.  ``peaks``: with an exosystem;
+    ``error``: with one, where the couplings are not linear."""
+
+    stages: tuple[Level, ...]
+    bounds: Mapping[str, Fraction]
+    peaks: Peaks | None = None
+    error: ErrorBound | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check."""
+        values: dict[str, Any] = {"stages": [stage.to_json() for stage in self.stages]}
+        values["bounds"] = {label: number_text(bound) for label, bound in self.bounds.items()}
+        if self.peaks is not None:
+            values["peaks"] = self.peaks.to_json()
+        return values if self.error is None else values | self.error.to_json()
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Accuracy:
+    """What a proved check of this topic claims, for this problem."""
+    curved = bool(problem.groups) and not problem.is_linear
+    names = ("stages", "bounds", *(("peaks",) if problem.groups else ()), *(OBSERVED if curved else ()))
+    values = read_object(check.exact, names)
+    if not isinstance(values["stages"], list) or not 1 <= len(values["stages"]) <= MOST_STAGES:
+        raise ValueError(f"it needs between 1 and {MOST_STAGES} stages")
+    stages = tuple(_read_level(each, problem) for each in values["stages"])
+    bounds = read_object(values["bounds"], problem.network.labels)
+    peaks = None
+    if problem.groups:
+        found = read_object(values["peaks"], ("disturbance", "drift", "measurement", "step", "steps"))
+        if type(found["steps"]) is not int:
+            raise TypeError("steps must be an integer")
+        numbers = {name: read_rational(found[name]) for name in found if name != "steps"}
+        peaks = Peaks(**numbers, steps=found["steps"])
+    return Accuracy(
+        stages=stages,
+        bounds={label: read_rational(bounds[label]) for label in problem.network.labels},
+        peaks=peaks,
+        error=error_from_json(values, problem) if curved else None,
+    )
+
+
+def _read_level(data: object, problem: Problem) -> Level:
+    values = read_object(data, ("v", "alpha", "level", "rho"))
+    if (values["rho"] is None) != problem.is_linear:
+        raise ValueError("rho must be null exactly where every coupling is linear")
+    rho = None if values["rho"] is None else read_rational(values["rho"])
+    v = vector_from_json(values["v"], problem.n)
+    stage = Level(v=v, alpha=read_rational(values["alpha"]), level=read_rational(values["level"]), rho=rho)
+    if min(stage.alpha, stage.level, least(v)) <= 0 or (rho is not None and rho < stage.level):
+        raise ValueError("v, alpha and level must be > 0, and rho at least level")
+    return stage
+
 
 ID: Final = "accuracy"
 MOST_AGENTS: Final = 500
@@ -67,8 +165,7 @@ def observer_peaks(problem: Problem, W: Matrix, *, step: Fraction, steps: int) -
 
 
 def loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Iterator[tuple[str, int, Row, Fraction]]:
-    """Every row of a stage with its b_i: mode, agent, row, b_i.  Raises: UndefinedError where the slope of a coupling
-    has no bound as far out as noise may take its argument."""
+    """Every row of a stage: mode, agent, row, b_i.  Raises: UndefinedError where a slope has no bound as far out."""
     plant = problem.uncertainty
     if plant is None:
         return
@@ -142,8 +239,7 @@ def _told(problem: Problem, claim: Accuracy, domain: Domain) -> str:
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything a proved ``accuracy`` claims is confirmed, else what is not.  ``W`` (q, m): the gain of the
-    loop; ``domain``: that of Lemma 1.  Raises what a malformed claim raises."""
+    """None if everything that a proved check of this topic claims is confirmed, else what is not."""
     if (reason := obstacle(problem, W)) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:

@@ -2,25 +2,170 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import chain
+from typing import Final
 
-from dobc_design.conditions.accuracy.claim import MOST_STAGES, Accuracy, Level, Peaks
-from dobc_design.conditions.accuracy.decide import ID, accuracy_check, obstacle
-from dobc_design.conditions.accuracy.propose import near_target, propose_peaks, propose_stages
+import numpy as np
+
+from dobc_design.conditions.accuracy.decide import (
+    ID,
+    INPUTS,
+    MOST_STAGES,
+    Accuracy,
+    Level,
+    Peaks,
+    accuracy_check,
+    loads,
+    not_shrinking,
+    observer_peaks,
+    obstacle,
+)
 from dobc_design.conditions.check import Check, Domain, limited, starts_in, surviving, undecided_check
 from dobc_design.conditions.coverage import Progress, read_region
-from dobc_design.conditions.numbers import claimed, decimal_below, rounded_up
+from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
+from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
+from dobc_design.conditions.separable.propose import field_of, least_solution
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import largest_claim
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.number import root_above
+from dobc_design.exact.peaks import MOST_STEPS
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
+from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
+from dobc_design.solvers.program import Array
 from dobc_design.verdict import Verdict
+
+DECAYED: Final = 12.0  # exponents of the slowest mode that the steps follow
+FINEST, COARSEST = 0.012, 0.3  # of |F| h
+#: How much more than b_i v is made for, where it has to reach further out.
+SPREADS: Final = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
+ABOVE: Final = Fraction(1, 50_000)  # of a level, left to two programs that round apart
+MORE: Final = Fraction(1, 10**6)  # the same, of a peak gain
+WORTH: Final = Fraction(998, 1000)  # what a stage has to leave of the largest bound, or less
+HALVINGS: Final = 10
+DEEPEST, HIGHEST = 1e-4, 0.98  # parts of rho between which the lowest level is looked for
+SLOW: Final = Fraction(1, 10**7)  # the rate of a stage, as a part of b_i/(level v_i)
+LEAST, NEAR = 1e-3, 1e-6  # the first guess of v, as a part of what b_i does to an agent alone; where slopes are taken
+V_DIGITS: Final = 12
+
+
+def propose_peaks(problem: Problem, W: Matrix) -> Peaks | None:
+    """Proved upper bounds of the peak gains, a little above; None where none are found."""
+    parts = zip(problem.groups, gains_of(problem.groups, W), strict=True)
+    matrices = [to_float(error_matrix(group.exosystem, gain)) for group, gain in parts]
+    decay = min(float(-np.max(np.linalg.eigvals(F).real)) for F in matrices)
+    size = max(float(np.max(np.sum(np.abs(F), axis=1))) for F in matrices)
+    if not (decay > 0 and np.isfinite(size)):
+        return None
+    horizon = DECAYED / decay
+    h = min(max(FINEST / size, horizon / MOST_STEPS), COARSEST / size)
+    steps = min(MOST_STEPS, int(np.ceil(horizon / h)))
+    found = observer_peaks(problem, W, step=rounded_up(Fraction(h), digits=3), steps=steps)
+    if found is None:
+        return None
+    disturbance, drift, measurement = (rounded_up(getattr(found, x) * (1 + MORE), digits=7) for x in INPUTS)
+    return replace(found, disturbance=disturbance, drift=drift, measurement=measurement)
+
+
+def propose_stages(problem: Problem, peaks: Peaks | None, outer: Level) -> Iterator[Level]:
+    """Stages from the box of ``outer`` inwards, each decided already; for linear couplings one does."""
+    last = None if outer.rho is None else _lowest(problem, peaks, outer)
+    if last is not None:
+        yield last
+    while outer.rho is None or last is not None:
+        last = next(_inside(problem, peaks, outer if last is None else last), None)
+        if last is None:
+            return
+        yield last
+        if last.rho is None:
+            return
+
+
+def near_target(problem: Problem, peaks: Peaks | None) -> Iterator[Level]:
+    """Boxes |e_i| <= v_i around the target that shrink, larger ones first: v as the rows near the target want it."""
+    tiny = Level(v=(Fraction(1),) * problem.n, alpha=SLOW, level=SLOW, rho=Fraction(1, 1000))
+    for v in reversed(list(_vectors(problem, peaks, tiny, SPREADS))):
+        level = None if v is None else _lowest(problem, peaks, replace(tiny, v=v, rho=Fraction(1)))
+        if level is not None:
+            yield level
+
+
+def _inside(problem: Problem, peaks: Peaks | None, before: Level) -> Iterator[Level]:
+    """Stages that take over where ``before`` ends, and leave less of its largest bound."""
+    within = before if before.rho is None else replace(before, rho=before.level)
+    spreads = SPREADS[:1] if before.rho is None else SPREADS
+    for spread, v in zip(spreads, _vectors(problem, peaks, within, spreads), strict=True):
+        if v is None:
+            continue
+        ratio = max(before.level * x / y for x, y in zip(before.v, v, strict=True))
+        rho = None if before.rho is None else rounded_up(ratio * (1 + ABOVE), digits=9)
+        tight = _with_rate(problem, peaks, Level(v=v, alpha=SLOW, level=1 + ABOVE, rho=rho))
+        if spread == 1 and (rho is None or tight.level < rho) and _holds(problem, peaks, tight):
+            found: Level | None = tight
+        else:
+            found = None if rho is None else _lowest(problem, peaks, tight)
+        if found is None:
+            continue
+        if rho is None or found.level * max(found.v) <= WORTH * before.level * max(before.v):
+            yield found
+
+
+def _vectors(problem: Problem, peaks: Peaks | None, within: Level, spreads: Sequence[float]) -> Iterator[Vector | None]:
+    """v for the rows with b_i at s = 1, b_i as in the box ``within``, and with multiples, which reach further."""
+    b = _loads(problem, peaks, within)
+    size = 1.0 if within.rho is None else float(max(within.v)) * float(within.rho)
+    field = replace(field_of(problem, rho=size), grid=np.array([1.0]))
+    for spread in spreads:
+        with np.errstate(all="ignore"):
+            own = -field.rows(b * NEAR, alpha=0.0)[1].diagonal()
+            lower = LEAST * spread * b / np.where(own > 0, own, 1.0)
+            v = least_solution(replace(field, load=spread * b), alpha=0.0, start=lower, lower=lower)
+        yield None if v is None else tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
+
+
+def _loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Array:
+    """The largest b_i of every agent."""
+    b = np.zeros(problem.n)
+    for _, agent, _, load in loads(problem, peaks, stage):
+        b[agent] = max(b[agent], float(load))
+    return b
+
+
+def _lowest(problem: Problem, peaks: Peaks | None, stage: Level) -> Level | None:
+    """The stage with the lowest level for which its rows hold, about; None if they do not even hold near rho."""
+    if stage.rho is None:
+        return None
+    found, low, high = None, math.log(DEEPEST), math.log(HIGHEST)
+    for _ in range(HALVINGS):
+        at = high if found is None else (low + high) / 2
+        tried = _with_rate(
+            problem, peaks, replace(stage, level=rounded_up(stage.rho * Fraction(math.exp(at)), digits=6))
+        )
+        if _holds(problem, peaks, tried):
+            found, high = tried, at
+        elif found is None:
+            return None
+        else:
+            low = at
+    return None if found is None else replace(found, level=found.level * (1 + ABOVE))
+
+
+def _with_rate(problem: Problem, peaks: Peaks | None, stage: Level) -> Level:
+    """The stage with a small rate, which makes its rows strict."""
+    b = _loads(problem, peaks, stage)
+    least = float(np.min(b / np.array([float(x) for x in stage.v]))) / float(stage.level)
+    return replace(stage, alpha=rounded_down(Fraction(least) * SLOW, digits=2) or SLOW)
+
+
+def _holds(problem: Problem, peaks: Peaks | None, stage: Level) -> bool:
+    return not_shrinking(problem, peaks, stage) is None
+
 
 #: Parts of the box that are tried one after the other: noise passes through a coupling that is steep far out.
 PARTS = (Fraction(1), Fraction(1, 2), Fraction(1, 4), Fraction(1, 10), Fraction(1, 30), Fraction(1, 100))

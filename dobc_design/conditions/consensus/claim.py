@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dobc_design.conditions.check import Check, Claim
-from dobc_design.conditions.numbers import doubles_to_json, read_rational
+from dobc_design.conditions.numbers import doubles_to_json, matrix_from_json, read_rational
 from dobc_design.errors import SpecError
 from dobc_design.exact import symmetric as sparse
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -131,8 +131,7 @@ class Deviations(Sequence[Deviation]):
 
 
 def lemma1_in_arrays(jacobian: ModeJacobian, pinning: Pinning, *, size: int, dimension: int) -> Pencil | None:
-    """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512 bits.  Both forms
-    enclose the same matrices; middles and deviations of inexact slopes may differ."""
+    """``lemma1`` with an IntegerSymmetric; None if the gains have no common denominator of 512 bits."""
     # agents often share one matrix
     held = {
         id(k): [[x + k[d][c] for d, x in enumerate(row)] for c, row in enumerate(k)] for k in pinning.gains.values()
@@ -405,8 +404,7 @@ class PairFacts:
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None:
-    """What Lemma 1 or a theorem claims; neither ``problem`` nor the gain W (q, m) is needed.  Raises: KeyError,
-    TypeError, ValueError or SpecError for numbers that cannot be read."""
+    """What Lemma 1 or a theorem claims; problem and gain are not needed."""
     exact = check.exact or {}
     if "unstable_roots" in exact:
         roots = read_rational(exact["unstable_roots"])
@@ -414,7 +412,7 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim | None
             raise ValueError("unstable_roots must be a whole number >= 0, with a value or alone")
         return Unstable(roots=int(roots), value=read_rational(exact["value"]) if "value" in exact else None)
     if "P" in exact:
-        P, Q, S = (tuple(tuple(read_rational(x) for x in row) for row in exact[name]) for name in "PQS")
+        P, Q, S = (matrix_from_json(exact[name]) for name in "PQS")
         return PairFacts(pair=Pair(P=P, Q=Q), S=S, mode=exact.get("mode"))
     return check.claim
 
@@ -432,8 +430,7 @@ class Statements:
     shown: Mapping[str, Shown] = field(default_factory=dict)
 
     def psi(self, *, rate: Fraction = ZERO) -> tuple[Pencil, ...]:
-        """Psi of every mode, (28), with shared unknowns, in the order of the modes.  Raises: SpecError without an
-        exosystem."""
+        """Psi of every mode, (28), with shared unknowns.  Raises: SpecError without an exosystem."""
         groups, labels = self.problem.groups, self.problem.network.labels
         if not groups:
             raise SpecError(

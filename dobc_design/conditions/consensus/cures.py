@@ -64,8 +64,7 @@ def rounded_up(value: float | Fraction) -> Fraction:
 
 
 def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> Iterator[PinProposal]:
-    """The smallest gains on these agents, then those for half of the fastest decay; nothing if no gains can do.
-    ``proposal`` says what the gains are for; its own gains are not looked at."""
+    """The smallest gains on these agents, then those for half of the fastest decay, as ``proposal`` says what for."""
     least = smallest_gains(blocks, agents)
     if least is None:
         return
@@ -143,8 +142,7 @@ def groups_without_pin(problem: Problem) -> list[tuple[int, ...]]:
 def best_single(
     blocks: Blocks, problem: Problem, *, pins: Sequence[int] = (), progress: Progress | None = None
 ) -> tuple[int, ...]:
-    """The agent without a pin that, beside ``pins`` with gains chosen anew, needs the smallest total gain, then
-    those that need as little; empty if none can do.  Where any gain > 0 does, the one that holds the others best."""
+    """Agents that, beside ``pins`` with new gains, need the smallest total gain (or hold best); empty: none can."""
     totals: dict[int, float] = {}
     candidates = _candidates(blocks, problem)
     for place, agent in enumerate(candidates):
@@ -186,8 +184,7 @@ def _affordable(size: int, *, times: int = 1) -> int:
 
 
 def small_set(blocks: Blocks, problem: Problem, *, progress: Progress | None = None) -> tuple[int, ...]:
-    """Agents to add to the pins so that some gains can do: one of each closed group first, then greedily.  Never
-    more than are needed of those found: one that can be left out again is left out."""
+    """Agents to add to the pins so that some gains can do: one of each closed group, then greedily, none in vain."""
     pins = problem.pinning.agents
     chosen = _one_of_each(blocks, groups_without_pin(problem))
     needed = list(chosen)
@@ -230,8 +227,7 @@ def _one_of_each(blocks: Blocks, groups: Sequence[tuple[int, ...]]) -> list[int]
 
 
 def scale_needed(problem: Problem, S: Matrix) -> float | None:
-    """The factor a beyond which Lambda + I (x) S / a < 0 in every mode, about; None if Lambda < 0 fails.  With (a P,
-    a Q) in place of (P, Q) the border term S becomes S / a (theory, section 9)."""
+    """The factor a beyond which Lambda + I (x) S / a < 0 (theory, section 9), about; None if Lambda < 0 fails."""
     block = to_float(S)
     weight = float(np.max(np.linalg.eigvalsh(block), initial=0.0))
     worst = 0.0

@@ -90,8 +90,7 @@ def enclosed_lambda(statements: Statements, mode: str) -> Enclosed:
 
 
 def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float64]]) -> Statements:
-    """The statements with what these vectors v > 0 (n m,) prove about Lambda of large networks, by mode.  Vectors
-    that prove no bound below 0 are left out."""
+    """The statements with the bounds below 0 of Lambda, by mode, that these vectors v > 0 (n m,) prove."""
     bounds = {mode: network.shown_bound(enclosed_lambda(statements, mode), v) for mode, v in vectors.items()}
     shown = {mode: Shown(vector=vectors[mode], bound=b) for mode, b in bounds.items() if b is not None and b < 0}
     return replace(statements, shown=shown)
@@ -275,8 +274,7 @@ def _where(statements: Statements) -> str:
 
 
 def confirm(check: Check, statements: Statements, pair: Pair | None) -> str | None:
-    """None if everything that a proved or refuted check of this topic claims is confirmed, with the certificate's pair,
-    else what is not; a theorem refuted by the observer is not for here.  Raises what a malformed claim raises."""
+    """None if all that a check of this topic claims is confirmed; one refuted by the observer is not for here."""
     problem = statements.problem
     if check.id == "reachability":
         if check.margin is not None or check.rate is not None:

@@ -93,8 +93,7 @@ class Enclosed:
         return Interval(middle - spread, middle + spread)
 
     def plus_blocks(self, blocks: Sequence[Matrix], owners: Sequence[int] = ()) -> Enclosed:
-        """Add a block for each agent: the one of the number in ``owners``, or the only one for all.  Raises:
-        ValueError if they do not fit."""
+        """Add the block of each agent, of its number in ``owners`` or one for all.  Raises: ValueError."""
         agents = len(owners) if owners else self.middle.size // len(blocks[0])
         if agents * len(blocks[0]) != self.middle.size or (len(blocks) > 1 and not owners):
             raise ValueError(f"{agents} blocks of {len(blocks[0])} rows do not make {self.middle.size} rows")
@@ -109,8 +108,7 @@ def shown_bound(matrix: Enclosed, vector: NDArray[np.float64]) -> Fraction | Non
 
 
 def is_negative(matrix: Enclosed, *, shift: Fraction = ZERO) -> bool:
-    """Whether matrix + shift I < 0 is proved for everything enclosed.  A matrix with a ``bound`` is decided by it:
-    nothing sharper is looked for."""
+    """Whether matrix + shift I < 0 is proved for everything enclosed; a matrix with a ``bound`` is decided by it."""
     if matrix.bound is not None:
         room = -matrix.bound - shift
         blocks = [SparseSymmetric.from_dense(block) for block in matrix.blocks or (((ZERO,),),)]
@@ -185,8 +183,7 @@ def find_witness(
 
 
 def _eliminated(matrix: Enclosed, rows: Sequence[int]) -> Vector | None:
-    """The elimination's own witness on these rows, zero elsewhere.  v'(middle)v >= radius v'v, so v refutes whatever
-    the deviations are."""
+    """The elimination's own witness on these rows, zero elsewhere: v'(middle)v >= radius v'v."""
     shifted = matrix.total.shifted(-matrix.radius).negated()
     if len(rows) == matrix.middle.size:
         return decide_positive_definite(shifted, most_work=MOST_WORK).witness
@@ -268,8 +265,7 @@ def group_directions(problem: Problem, arcs: Arcs) -> list[list[float]]:
 def unpinned_witness(
     problem: Problem, matrices: Mapping[str, Enclosed], directions: Mapping[str, Directions]
 ) -> tuple[str, Vector] | None:
-    """A mode and a v with v' Lambda v >= 0 that moves no pinned agent: then no gains on the present pins can do.
-    ``matrices``: Lambda of every mode.  None: none was found (or some gains can do)."""
+    """A mode and v, v' Lambda v >= 0, that moves no pinned agent: the present pins cannot do.  None: none is found."""
     pinned = set(problem.pinning.agents)
     rows = [row for row in range(problem.n * problem.m) if row // problem.m not in pinned]
     for mode, matrix in matrices.items():

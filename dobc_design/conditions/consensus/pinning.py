@@ -26,8 +26,7 @@ from scipy.sparse.linalg import cg, eigs
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagonal
-from dobc_design.solvers.program import Array
-from dobc_design.solvers.sparse import factored
+from dobc_design.solvers.program import Array, factored
 
 DENSE = 50  # rows up to which a dense solve is the faster one, and
 CAP_EDGE = 1e-9  # a gain above its cap by less (relatively) is at it
@@ -97,8 +96,7 @@ class Shared:
 
 
 def network_blocks(problem: Problem, *, pins: bool = False, weighted: bool = False) -> Blocks | None:
-    """Build the blocks of a problem, beta = 0; None if an entry is beyond the floats.  ``pins``: the present gains
-    stay and are part of S, so that further ones come on top of them.  ``weighted``: for V with weights."""
+    """The blocks, beta = 0; None beyond the floats.  ``pins``: the present gains stay.  ``weighted``: V has weights."""
     n, m = problem.n, problem.m
     tables: dict[bytes, Any] = {}
     sources: dict[bytes, tuple[str, int]] = {}
@@ -131,8 +129,7 @@ def for_rate(blocks: Blocks, rate: float) -> Blocks:
 
 
 def fastest_rate(blocks: Blocks, allowed: Collection[int]) -> float:
-    """The rate beta (1/s) that gains on the ``allowed`` agents approach as they grow; about; inf if all are allowed.
-    Half the smallest eigenvalue of S on the other agents: positive iff some gains can do."""
+    """The rate (1/s) that gains on the ``allowed`` agents approach as they grow; positive iff some gains can do."""
     rows = rows_of(np.setdiff1d(np.arange(blocks.agents), list(allowed)), blocks.width)
     return min((lowest_on(table, rows)[0] / 2 for table in blocks.tables), default=0.0)
 
@@ -147,8 +144,7 @@ def smallest_gains(blocks: Blocks, allowed: Collection[int], *, costs: Sequence[
 
 
 def cheapest_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
-    """The gains of least cost found on the ``chosen`` agents (n,): of one Z-matrix the closed form; of several their
-    dual, or a conic program while they are not too large; else gains that suffice.  None if none can do."""
+    """The gains of least cost found on the ``chosen`` agents (n,), or gains that suffice; None if none can do."""
     found = valid_gains(blocks, chosen, costs, caps) if blocks.z else None
     if blocks.z and (found is None or len(blocks.tables) == 1 or blocks.weighted):
         return found
@@ -168,8 +164,7 @@ def cheapest_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None
 
 
 def valid_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
-    """For Z-matrices: the closed form of every block, and of several the largest gain of each agent.  Lambda only
-    falls when a gain rises, so the largest ones serve every block."""
+    """For Z-matrices: of each agent the largest gain of the closed forms; Lambda only falls when a gain rises."""
     found = [optimum(table, chosen, costs, caps) for table in blocks.tables]
     known = [each for each in found if each is not None]
     if len(known) < len(found):
@@ -196,8 +191,7 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
 
 
 def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Optimum | None:
-    """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do.  Source: theory,
-    sections 7 and 10; with caps the multiplier of a cap is v_i^2 - c_i."""
+    """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do (theory, 7 and 10)."""
     return _with_caps(_uncapped, [table if is_symmetric(table) else within_parts(table)], chosen, weights, caps)
 
 
@@ -226,8 +220,7 @@ def _with_caps(
 
 
 def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Optimum | None:
-    """v on the chosen agents, of symmetric S sqrt(c_i), (S v)_i = 0 on the others, k_i = -(S v)_i / (2 v_i).  An agent
-    whose gain would be negative is set free, and v solved again."""
+    """v: (S v)_i = 0 off the chosen; k_i = -(S v)_i / (2 v_i).  An agent whose gain would be negative is set free."""
     (table,), active = tables, np.array(chosen, dtype=bool)
     v, size = np.zeros(len(weights)), float(np.max(np.abs(table.data), initial=0.0))
     for _ in range(int(active.sum()) + 1):
@@ -341,8 +334,7 @@ def looseness(blocks: Blocks, allowed: Collection[int]) -> float:
 
 
 def lowest_on(table: Any, rows: Any) -> tuple[float, Array]:
-    """The least real part of an eigenvalue of a principal submatrix, and what each of these rows has to do with it:
-    the eigenvector, or without symmetry how much a gain there would raise it.  About; inf on no rows."""
+    """The least real part of an eigenvalue of a principal submatrix, and how much a gain on each row would raise it."""
     if not len(rows):
         return float("inf"), np.zeros(0)
     if not is_symmetric(block := sparse.csr_array(table[rows][:, rows])):
@@ -395,8 +387,7 @@ def _alike(blocks: Blocks, chosen: Any) -> Array | None:
 
 
 def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None = None) -> Optimum | None:
-    """Minimise c'k subject to S + 2 sum k_i E_i >= 0 for every block, 0 <= k <= ``caps`` (n,); None if none are
-    found.  E_i is the identity on the rows of agent i; ``allowed``: indices of agents."""
+    """Minimise c'k, S + 2 sum k_i E_i >= 0 for every block, 0 <= k <= ``caps`` (n,); None if none are found."""
     count, size, width, scale = len(allowed), len(costs) * blocks.width, blocks.width, blocks.scale
     if not count or not scale > 0:
         return None

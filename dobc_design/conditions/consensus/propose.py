@@ -23,8 +23,7 @@ from dobc_design.exact.number import nearest
 from dobc_design.problem.arrays import arc_table
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.program import GIVEN_UP, Array
-from dobc_design.solvers.sparse import factored
+from dobc_design.solvers.program import GIVEN_UP, Array, factored
 
 
 def float_lambda(problem: Problem, mode: str, *, pins: bool = True, twice: bool = False) -> Any:
@@ -300,8 +299,7 @@ EDGE = 1e-9  # relative: an eigenvalue above minus this may be 0
 
 
 def witness_directions(problem: Problem, mode: str) -> list[Sequence[float]]:
-    """Vectors (n m,) with v' Lambda v about >= 0 or more, those with the fewest agents first.  Agents without a pin
-    come first among equals: what they carry, no gain on the present pins changes."""
+    """Vectors (n m,) with v' Lambda v about >= 0 or more, fewest agents first, those without a pin among equals."""
     table = sparse.csr_array(float_lambda(problem, mode))
     if table.shape[0] > LARGEST_SEARCHED or not np.all(np.isfinite(table.data)):
         return []

@@ -1,27 +1,103 @@
-"""Whether the claims of `safety` and `markov` hold, exactly; and their checks."""
+"""What `safety` and `markov` claim, its JSON, and whether it holds (theory, sections 5, 6 and 11).
+
+safety: V = max |e_ic| + kappa E never grows while V <= rho, for every graph, also one that moves; or decays at a rate.
+markov, of the Markov chain of [switching] and whatever its first mode; A_p = J_p - K, g its generator:
+
+almost sure   V as above never grows, and modes that the chain does not leave reach every agent: all errors decay.
+mean          w_p > 0 for every mode, A_p'w_p + sum_q g_pq w_q <= -rate w_p, A_p with what the gains hold at least:
+              E[sum w_i |e_i|] decays at the rate (up to what the estimation error adds, which decays faster).
+mean square   P_p > 0 for every mode, A_p'P_p + P_p A_p + sum_q g_pq P_q + 2 rate P_p < 0: E[e'P e] at twice the rate.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
+from typing import Any, Final
 
-from dobc_design.conditions.check import Check, Values, Witness, differs
+from dobc_design.conditions.check import Check, Values, Witness, differs, read_object
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.network import name_agents
-from dobc_design.conditions.graphs.claim import SURE, Kept, read_claim
+from dobc_design.conditions.numbers import form_from_json, read_rational, vector_from_json, vector_to_json
 from dobc_design.conditions.observer.decide import error_matrix, hurwitz_with_rate
-from dobc_design.conditions.schedule.checks import not_as_claimed
-from dobc_design.conditions.schedule.cycles import first_unreached, holds_observer, rises
-from dobc_design.conditions.separable.claim import acts_by_component, holding_gains
+from dobc_design.conditions.schedule.checks import cycles_from_json, not_as_claimed
+from dobc_design.conditions.schedule.cycles import Cycles, first_unreached, guarantee_in_words, holds_observer, rises
+from dobc_design.conditions.separable.claim import acts_by_component, holding_gains, observed_in
 from dobc_design.exact import matrix as exact
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.number import number_text
+from dobc_design.exact.symmetric import Doubles
 from dobc_design.exact.work import spend
 from dobc_design.problem.arrays import unreached
+from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+SURE: Final = "almost sure"
+MEAN: Final = "mean"
+SQUARE: Final = "mean square"
+HOW: Final = {SURE: "almost surely", MEAN: "in the mean", SQUARE: "in mean square"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kept:
+    """A claim as above: ``kind`` "" for safety; ``box`` has rho and the observer's part; ``w`` or ``P`` by mode."""
+
+    kind: str = ""
+    rate: Fraction | None = None
+    box: Cycles | None = None
+    w: Mapping[str, Vector | Doubles] | None = None
+    P: Mapping[str, Matrix] | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        values: dict[str, Any] = {"kind": self.kind} if self.kind else {}
+        if self.box is not None:
+            values |= {name: value for name, value in self.box.to_json().items() if name not in ("phases", "rate")}
+        if self.kind != SURE:
+            values["rate"] = None if self.rate is None else number_text(self.rate)
+        if self.w is not None:
+            values["w"] = {mode: vector_to_json(v) for mode, v in self.w.items()}
+        if self.P is not None:
+            values["P"] = {mode: matrix_text(P) for mode, P in self.P.items()}
+        return values
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Kept | Values:
+    """What a check of this topic claims, for this problem; a refutation: modes that are never left."""
+    exact = check.exact or {}
+    if check.verdict is Verdict.REFUTED:
+        return Values(exact)
+    kind = "" if check.id == "safety" else exact["kind"]
+    if kind in ("", SURE):
+        values = read_object(exact, ("rho", "kind" if kind else "rate", *observed_in(problem)))
+        own = {name: value for name, value in values.items() if name != "kind"} | {"rate": None, "phases": []}
+        rate = values.get("rate")
+        box = cycles_from_json(own, problem)
+        return Kept(kind=kind, rate=None if rate is None else read_rational(rate), box=box)
+    name = {MEAN: "w", SQUARE: "P"}[kind]
+    values = read_object(exact, ("kind", "rate", name))
+    each = read_object(values[name], problem.network.modes.keys())
+    rate, ordered = read_rational(values["rate"]), {mode: each[mode] for mode in problem.network.modes}
+    if kind == MEAN:
+        return Kept(kind=kind, rate=rate, w={mode: vector_from_json(v, problem.n) for mode, v in ordered.items()})
+    return Kept(kind=kind, rate=rate, P={mode: form_from_json(P) for mode, P in ordered.items()})
+
+
+def signals_in_words(problem: Problem, check: Check) -> str:
+    """For which signals a proof holds, and in which sense: "for ..."; nothing where there is one graph."""
+    if check.id == "schedule":
+        return f"for {guarantee_in_words(problem)}"
+    if check.id == "markov":
+        how = HOW.get(str((check.exact or {}).get("kind")), HOW[SURE])
+        return f"{how} for the Markov signal, whatever its first mode"
+    if check.id == "safety":
+        return "for every graph and every motion"
+    return "under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
+
 
 ZERO = Fraction(0)
 
@@ -129,8 +205,7 @@ def apart_check(problem: Problem, domain: str) -> Check | None:
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything a proved or refuted check claims is confirmed, else what is not; ``domain``: that of Lemma 1.
-    Raises what a malformed claim raises."""
+    """None if everything that a proved or refuted check of this topic claims is confirmed, else what is not."""
     if check.verdict is Verdict.REFUTED:
         own = apart_check(problem, domain) if check.id == "markov" and check.rate is None else None
         return "the chain leaves no agents apart" if own is None else differs(check, own)

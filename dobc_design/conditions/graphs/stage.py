@@ -8,22 +8,115 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
+from scipy import sparse
 
 from dobc_design.conditions.check import Check, limited, starts_in, undecided_check
+from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.coverage import Asked, Progress
-from dobc_design.conditions.graphs import propose
-from dobc_design.conditions.graphs.claim import HOW, SURE, Kept
-from dobc_design.conditions.graphs.decide import apart_check, confirm, generator_of, why_not
-from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up, shorten
+from dobc_design.conditions.graphs.decide import (
+    HOW,
+    MEAN,
+    SQUARE,
+    SURE,
+    Kept,
+    apart_check,
+    confirm,
+    generator_of,
+    why_not,
+)
+from dobc_design.conditions.numbers import MANY_AGENTS, claimed, decimal_below, rounded_down, rounded_up, shorten
 from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, acts_by_component, holding_gains
-from dobc_design.conditions.separable.propose_observer import propose_error_bound
+from dobc_design.conditions.separable.propose_observer import propose_error_bound, with_kappa
+from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.number import root_above
+from dobc_design.exact.symmetric import Doubles
+from dobc_design.problem.arrays import arc_table
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.program import factored, round_matrix
 from dobc_design.verdict import Verdict
+
+BISECTIONS: Final = 14
+SMALLEST: Final = 1e-9  # rate that counts (1/s)
+SAFE: Final = 1 - 1e-6  # of a rate that floats show
+STEADY: Final = 0.999  # of the best rate
+MOST_ROWS: Final = 12  # n m, for the mean square
+MOST_UNKNOWNS: Final = 1000
+WEIGHT_DIGITS: Final = 15
+
+
+def mean_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | None:
+    """Weights of every mode and the rate that they give, about; None where the means do not decay."""
+    modes, n = problem.network.modes, problem.n
+    slopes = np.array([float(each.jacobian_at_zero()[0][0].midpoint) for each in problem.couplings])
+    blocks = []
+    for mode in modes:
+        table = arc_table(problem, mode)
+        entries = to_float((table.weights,))[0][table.weight] * slopes[table.coupling]
+        A = sparse.csr_array((entries, (table.listeners, table.speakers)), shape=(n, n))
+        blocks.append((A - sparse.diags_array(A.sum(axis=1) + to_float((holding_gains(problem),))[0])).T)
+    chain = sparse.kron(sparse.csr_array(to_float(generator)), sparse.eye_array(n))
+    M = sparse.csr_array(-(sparse.block_diag(blocks) + chain))
+    w = _weights(M, 0.0)
+    if w is None:
+        return None
+    low, high = float(np.min(M @ w / w)), float(np.min(M.diagonal()))  # the best rate lies between
+    for _ in range(BISECTIONS):
+        middle = math.sqrt(max(low, SMALLEST) * high)
+        found = _weights(M, middle)
+        low, high, w = (low, middle, w) if found is None else (middle, high, found)
+    rate = _observed(problem, W, float(np.min(M @ w / w)) * SAFE)
+    if rate <= SMALLEST:
+        return None
+    each: list[Vector | Doubles] = []
+    for part in w.reshape(len(modes), n):
+        texts = tuple(Fraction(f"{x:.{WEIGHT_DIGITS}g}") for x in part.tolist()) if n <= MANY_AGENTS else ()
+        each.append(texts or Doubles(part))
+    return Kept(kind=MEAN, rate=rounded_down(rate), w=dict(zip(modes, each, strict=True)))
+
+
+def _weights(M: Any, rate: float) -> Any:
+    """(M - rate I)^-1 1, up to a factor; None where that is not positive: M does not have the rate."""
+    try:
+        w = factored(M - rate * sparse.eye_array(M.shape[0])).solve(np.ones(M.shape[0]))
+    except RuntimeError:  # singular
+        return None
+    w = w / np.max(np.abs(w))
+    return w if np.all(w > 0) else None
+
+
+def square_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | None:
+    """Matrices of every mode for nearly the best rate; None for larger networks, and where none are found."""
+    size, modes, statements = problem.n * problem.m, problem.network.modes, state_theorems(problem)
+    if size > MOST_ROWS or len(modes) * size**2 > MOST_UNKNOWNS:
+        return None
+    parts = [linear_part(statements, mode) for mode in modes]
+    known = [to_float(part) for part in parts if part is not None]
+    if len(known) < len(parts):
+        return None
+    unit = np.eye(size)
+    blocks = [np.kron(A.T, unit) + np.kron(unit, A.T) for A in known]
+    T: Any = sparse.block_diag(blocks).toarray() + np.kron(to_float(generator), np.eye(size**2))
+    rate = _observed(problem, W, -float(np.max(np.linalg.eigvals(T).real)) / 2 * STEADY)
+    if rate <= SMALLEST:
+        return None
+    P = np.linalg.solve(T + 2 * rate * np.eye(len(T)), -np.tile(unit.ravel(), len(known))).reshape(-1, size, size)
+    forms = [round_matrix((each + each.T) / 2, 12) for each in P]
+    return Kept(kind=SQUARE, rate=rounded_down(rate), P=dict(zip(modes, forms, strict=True)))
+
+
+def _observed(problem: Problem, W: Matrix | None, rate: float) -> float:
+    """The rate, below that of the estimation error."""
+    exosystem = problem.joint_exosystem
+    return rate if exosystem is None or W is None else min(rate, decay_rate(exosystem, W) * SAFE)
+
 
 logger = logging.getLogger("dobc_design")
 
@@ -70,8 +163,7 @@ def _boxes(asked: Asked, kind: str, rate: Fraction | None) -> Iterator[tuple[Ask
         error = propose_error_bound(exosystem, W, rate=float(rate or 0))
         if error is None:
             return
-        kappa = 1 / (error.beta - (rate or 0))
-        error = replace(error, kappa=Fraction(math.ceil(kappa * 10**6), 10**6))
+        error = with_kappa(error, rate=rate or 0)
     for k in range(1 if problem.is_linear else SMALLER + 1):
         sides = asked.radius, asked.disturbance
         radius, disturbance = (decimal_below(claimed(x) / 2**k) if x and k else x for x in sides)
@@ -102,7 +194,7 @@ def _safe(asked: Asked) -> Check:
             reason += " the motion."
             if claim.rate is None:
                 who = f"not pinned, and may lose all neighbours: {name_agents(tuple(loose))}"
-                known = problem.switching is not None and problem.switching.guarantee not in (None, "arbitrary")
+                known = problem.switching is not None and problem.switching.is_guaranteed
                 helps = "" if known else '; a guarantee on time would help (guarantee = "dwell")'
                 reason += f" There is no rate ({who}){helps}."
             else:
@@ -116,8 +208,8 @@ def _random(asked: Asked) -> Check:
     problem, W, generator = asked.problem, asked.W, generator_of(asked.problem) or ()
     signal, wrong = "for the Markov signal, whatever its first mode, every error decays", ""
     if problem.is_linear:
-        for how in (propose.square_claim, propose.mean_claim):
-            claim = None if how is propose.mean_claim and not acts_by_component(problem) else how(problem, W, generator)
+        for how in (square_claim, mean_claim):
+            claim = None if how is mean_claim and not acts_by_component(problem) else how(problem, W, generator)
             if claim is not None and why_not(problem, W, claim) is None:
                 pace = f"at least like exp(-{shorten(claim.rate or Fraction(0), digits=4):.4g} t)"
                 return _check("markov", asked, claim, f"{signal} {HOW[claim.kind]}, {pace}.")

@@ -1,15 +1,28 @@
-"""The checks tolerance and actuators, decided beside a proved max-separable check (``claim`` states them)."""
+"""What the checks tolerance and actuators claim (theory, section 12), decided beside a proved max-separable check.
+
+Tolerance.  For all weights and gains within relative errors the rows of the max-separable certificate beside it hold
+at a rate alpha > 0; each row takes the worse ends.  Observers whose model of the weights is off by as much add
+
+    eps' = (A - W C) eps - W sum_j dw h(y),   |dw| <= delta w,   so   D+ E <= -beta E + eta N,
+    eta = max |W|_P delta sum_j w (v_i + v_j) sup |h(y)/y|,   |W|_P = sum of sqrt(c'Pc) over the columns c of W,
+
+and V = N + kappa E decreases where kappa eta < alpha.  A claim with a v of its own is about the slopes at the target.
+
+Actuators.  u_i = -k_i e_i - d_i + C eps_i, so on {N + kappa E <= rho} every |u_ic| is at most
+rho max(|k_i|_1 v_i, 1/kappa) + max |d_i|, where |k_i|_1 is the largest row sum of sizes.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Any
 
-from dobc_design.conditions.check import Check, read_domain
-from dobc_design.conditions.margins.claim import Inputs, Tolerance, read_claim
-from dobc_design.conditions.numbers import follows
+from dobc_design.conditions.check import Check, Claim, read_domain, read_object
+from dobc_design.conditions.numbers import follows, read_rational, vector_from_json, vector_to_json
 from dobc_design.conditions.separable import claim as claims
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import Errors, Separable
 from dobc_design.conditions.separable.decide import (
     NOT_BY_COMPONENT,
     composite_rate,
@@ -21,20 +34,67 @@ from dobc_design.conditions.separable.decide import (
 from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
-from dobc_design.exact.number import root_above
+from dobc_design.exact.number import number_text, root_above
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import group_numbers
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tolerance:
+    """The rows hold at the rate ``alpha`` (1/s) for all ``errors``.  ``v``: one entry per agent, for the slopes at the
+    target; None for the rows of the certificate beside it.  ``eta`` (1/s): where observers do not know the errors."""
+
+    errors: Errors
+    alpha: Fraction
+    eta: Fraction | None = None
+    v: Vector | Doubles | None = None
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check."""
+        numbers = {"weights": self.errors.weights, "gains": self.errors.gains, "alpha": self.alpha, "eta": self.eta}
+        values: dict[str, Any] = {name: number_text(x) for name, x in numbers.items() if x is not None}
+        return values if self.v is None else {**values, "v": vector_to_json(self.v)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inputs:
+    """On {V <= rho}, which holds all starts of the check, every component of u_i is at most ``inputs[label]``."""
+
+    rho: Fraction
+    inputs: Mapping[str, Fraction]
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check."""
+        inputs = {label: number_text(most) for label, most in self.inputs.items()}
+        return {"rho": number_text(self.rho), "inputs": inputs}
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
+    """What a proved check of this topic claims, for this problem."""
+    if check.id == "actuators":
+        values = read_object(check.exact, ("rho", "inputs"))
+        found = read_object(values["inputs"], problem.network.labels)
+        inputs = {label: read_rational(found[label]) for label in problem.network.labels}
+        return Inputs(rho=read_rational(values["rho"]), inputs=inputs)
+    optional = [name for name in ("eta", "v") if name in (check.exact or {})]
+    values = read_object(check.exact, ("weights", "gains", "alpha", *optional))
+    weights, gains, alpha = (read_rational(values[name]) for name in ("weights", "gains", "alpha"))
+    if not (0 <= weights < 1 and 0 <= gains < 1 and alpha > 0):
+        raise ValueError("errors must be >= 0 and < 1, alpha > 0")
+    eta = read_rational(values["eta"]) if "eta" in optional else None
+    v = vector_from_json(values["v"], problem.n) if "v" in optional else None
+    return Tolerance(errors=Errors(weights, gains), alpha=alpha, eta=eta, v=v)
+
+
 ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
 _ZERO, _ONE = Fraction(0), Fraction(1)
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None) -> str | None:
-    """None if everything that a proved check claims is confirmed, else what is not; ``proof``: the max-separable check
-    of the same certificate, ``domain``: that of Lemma 1.  Raises what a malformed claim raises."""
+    """None if everything that a proved check claims is confirmed; ``proof``: the max-separable check beside it."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
     base, claim = None, read_claim(check, problem, W)
@@ -77,8 +137,7 @@ def tolerated_rate(base: Separable, claim: Tolerance) -> Fraction:
 
 
 def observer_pull(problem: Problem, W: Matrix | None, base: Separable) -> Fraction:
-    """An upper bound of eta/delta for the gain W (q, m); 0 without an observer.  Raises: exact.interval.UndefinedError
-    where h(y)/y is not bounded."""
+    """An upper bound of eta/delta for the gain W (q, m); 0 without an observer.  Raises: UndefinedError."""
     if base.error is None or W is None:
         return _ZERO
     columns = transpose(W)
@@ -117,8 +176,7 @@ def _not_local(problem: Problem, claim: Tolerance, v: Vector | Doubles) -> str |
 
 
 def largest_disturbance(problem: Problem) -> tuple[Fraction, ...] | None:
-    """For each agent a bound of every component of d_i(t), t >= 0: actuators.amplitude, else that of the runs from
-    simulation.xi0; None where that is not given or not a sum of constants and sines."""
+    """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor xi0 gives one."""
     given, starts = problem.actuators and problem.actuators.amplitude, problem.simulation.xi0
     if given is not None or not problem.groups:
         return (given or _ZERO,) * problem.n
@@ -148,8 +206,7 @@ def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
 
 
 def input_slopes(problem: Problem, base: Separable) -> tuple[Fraction, ...]:
-    """For each agent how much |u_i - d_i| grows with the level of V: max(|k_i|_1 v_i, 1/kappa), with the relative
-    error of gains in [uncertainty]."""
+    """For each agent how much |u_i - d_i| grows with the level of V: max(|k_i|_1 v_i, 1/kappa), gains in error."""
     more = 1 + (problem.uncertainty.gains if problem.uncertainty is not None else _ZERO)
     sizes = {i: more * max(sum(map(abs, row), _ZERO) for row in k) for i, k in problem.pinning.gains.items()}
     noise = _ZERO if base.error is None else 1 / base.error.kappa

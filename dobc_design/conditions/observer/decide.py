@@ -79,8 +79,7 @@ def hurwitz_check(
     problem: Problem | None = None,
     key: str = "observer.W",
 ) -> Check:
-    """Decide whether A - WC is Hurwitz (Routh over the rationals) and certify a decay rate.  ``estimate`` (1/s) is a
-    proposed rate from floating point; the exact test decides.  ``key``: where W is given."""
+    """Decide whether A - WC is Hurwitz (Routh), with a rate near ``estimate`` (1/s).  ``key``: where W is given."""
     error = None if W is None else error_matrix(exosystem, W)
     table = None if error is None else decide_hurwitz(error)
     if error is not None and table is not None and table.verdict is Verdict.PROVED:
@@ -115,8 +114,7 @@ def hurwitz_check(
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None) -> str | None:
-    """None if everything that a proved or refuted check of the observer claims is confirmed, else what is not.  ``W``
-    (q, m): that of all groups.  Raises: ValueError for a group that is not there; what malformed numbers raise."""
+    """None if everything that a proved or refuted check of this topic claims is confirmed, else what is not."""
     exosystem, own_gain = group_of(check.group, problem, W)
     own = {"observability": observability_check, "detectability": detectability_check}.get(check.id)
     wrong = differs(check, hurwitz_check(exosystem, own_gain) if own is None else own(exosystem))

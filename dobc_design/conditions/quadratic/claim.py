@@ -138,8 +138,7 @@ def interval_matrix(
 def vertex_matrices(
     sectors: Sectors, mode: str, P_e: SparseSymmetric, *, rate: Fraction = ZERO, S: Matrix | None = None
 ) -> Iterator[SparseSymmetric]:
-    """The derivative at every corner of the box of gains; it is affine in them, so the corners decide.  Raises:
-    SpecError for more than MOST_VERTICES channels with a range."""
+    """The derivative at every corner of the box of gains, which decide.  Raises: SpecError beyond MOST_VERTICES."""
     channels = sectors.modes[mode]
     free = [channel for channel in channels if channel.spread]
     if len(free) > MOST_VERTICES:

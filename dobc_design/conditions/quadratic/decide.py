@@ -58,8 +58,7 @@ class LureDecision:
 
 
 def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
-    """Decide whether the certificate proves what it claims, for every switching among the modes; the ranges have to
-    contain what ``gains_on`` gives.  Raises: ShapeError or SpecError for one that does not fit the problem."""
+    """Decide whether the certificate proves what it claims, for every switching.  Raises: ShapeError or SpecError."""
     if lure.P_e.size != problem.n * problem.m:
         what = f"P_e must have {problem.n * problem.m} rows, one per component of e; got {lure.P_e.size}."
         raise ShapeError(what, key="P_e")
@@ -117,8 +116,7 @@ def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:
 
 
 def border_of(problem: Problem, lure: Lure, rate: Fraction) -> Matrix | None:
-    """S of the observer's pair at a rate (1/s), exactly; None without a pair, or unless Omega0 + 2 rate P < 0.
-    Raises: ShapeError for a pair without an exosystem."""
+    """S of the observer's pair at a rate (1/s), exactly; None without a pair, or unless Omega0 + 2 rate P < 0."""
     if lure.P is None or lure.Q is None:
         return None
     if (exosystem := problem.joint_exosystem) is None:
@@ -234,8 +232,7 @@ def lure_check(
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything a proved ``lure`` claims is confirmed, else what is not; ``domain`` is that of Lemma 1.
-    Raises what a malformed claim raises."""
+    """None if everything that a proved check of this topic claims is confirmed, else what is not."""
     reason = wrong_outside(check, problem, W)
     if reason is not None:
         return reason
@@ -302,8 +299,7 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Lure:
 
 
 def lure_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None) -> Lure:
-    """Read them back for this problem and the gain W (q, m).  Raises: KeyError, TypeError, ValueError, ShapeError or
-    SpecError for anything that cannot be such a claim."""
+    """Read them back.  Raises: KeyError, TypeError, ValueError, ShapeError or SpecError for what is no such claim."""
     radius, level = (None if values[name] is None else read_rational(values[name]) for name in ("radius", "level"))
     if (radius is None) is not (level is None):
         raise ValueError("radius and level must both be null, or neither")
@@ -314,10 +310,9 @@ def lure_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None
         raise ValueError(f"method must be one of {', '.join(METHODS)}")
     P = None
     if problem.groups:
-        P = tuple(tuple(read_rational(entry) for entry in row) for row in values["P"])
-        square = [len(row) for row in P] == [problem.q] * problem.q
-        if not square or not is_symmetric(P) or not numbers.is_short(P):
-            raise ValueError(f"P must be a symmetric matrix of {problem.q} rows, with a short common denominator")
+        P = numbers.form_from_json(values["P"])
+        if [len(row) for row in P] != [problem.q] * problem.q or not is_symmetric(P):
+            raise ValueError(f"P must be a symmetric matrix of {problem.q} rows")
     return Lure(
         method=method,
         P_e=_sparse(values["P_e"], problem.n * problem.m),

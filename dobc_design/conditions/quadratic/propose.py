@@ -166,8 +166,7 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
 
 
 def linear_rate(problem: Problem, W: Matrix | None) -> float:
-    """What no certificate can exceed: the decay rate near the consensus, the slowest mode's or the observer's (1/s).
-    About, in floats; 0 where that does not decay, or where a coupling is not defined."""
+    """The decay rate near the consensus (1/s), which no certificate can exceed, about; 0 where that does not decay."""
     gains = sample_gains(problem.couplings, NEAR)
     if gains is None:
         return 0.0

@@ -92,8 +92,7 @@ class FloatLoop:
 
 
 def sample_gains(couplings: Sequence[Coupling], radius: float) -> Gains | None:
-    """Lowest and highest gains of every coupling on |y_c| <= radius; None where one is not finite.  Thousands of
-    times as fast as enclosures, with which what is found is proved afterwards, and a little wider."""
+    """Lowest and highest gains of every coupling on |y_c| <= radius, about; None where one is not finite."""
     found = [_by_component(each, radius) if each.by_component else _of_vectors(each, radius) for each in couplings]
     low, high = (np.array(ends) for ends in zip(*found, strict=True))
     if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high))):
@@ -196,8 +195,7 @@ def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: A
 
 
 def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
-    """The inequality of every mode over Y, t and, with an observer, kappa > 0.  ``shift``: a scalar theta with F +
-    theta I > 0."""
+    """The inequality of every mode over Y, t, and kappa > 0 with an observer; ``shift``: theta with F + theta I > 0."""
     blocks, n, start = [], loop.size, 0
     for mode in loop.modes:
         k, root, (target, plus, minus) = len(mode.d), np.sqrt(mode.d), mode.where

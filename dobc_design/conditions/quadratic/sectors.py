@@ -47,8 +47,7 @@ class GainRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high.  Indices of the stacked e; weight
-    included."""
+    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high, weight included; indices of stacked e."""
 
     target: int
     plus: int
@@ -79,8 +78,7 @@ class Sectors:
 
 
 def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
-    """Enclose the gains of a coupling on |y_c| <= radius, outwards.  Shape: (m, m), diagonal if by component.
-    Raises: UndefinedError naming h and the interval where h or its slope is not bounded."""
+    """Enclose the gains of a coupling on |y_c| <= radius, (m, m).  Raises: UndefinedError naming h and the interval."""
     box = Interval(-radius, radius)
     if coupling.by_component:
         curve = Curve(coupling.components[0])
@@ -109,8 +107,7 @@ def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRa
 
 
 def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Fraction | None) -> Sectors:
-    """Put claimed ranges at the arcs of every mode, weights multiplied in.  Gains that are exactly 0 are left out.
-    Raises: SpecError if an arc's coupling has no range at this radius, or one of the wrong shape."""
+    """Put claimed ranges at the arcs of every mode, weights multiplied in, exact zeros left out.  Raises: SpecError."""
     m = problem.m
     table = {each.coupling: each.entries for each in ranges if each.radius == radius}
     modes: dict[str, tuple[Channel, ...]] = {}

@@ -77,8 +77,7 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
 
 
 def propose(asked: Asked, shape: Shape, *, rate: Fraction = Fraction(0), accept: float = 0.0) -> Found | None:
-    """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than ``accept``.  None also
-    when a numerical library breaks down."""
+    """The largest ball for a shape of P_e and a rate, proved; None if it is no larger than ``accept``."""
     noise = claimed(asked.disturbance)
     search = partial(design_lure, asked.problem, shape=shape, W=asked.W, rate=rate, disturbance=noise)
     return _found(asked, search, shape, IN_WORDS[shape], accept)

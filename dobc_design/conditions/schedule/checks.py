@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, Final
+from typing import Final
 
 from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
-from dobc_design.conditions.numbers import claimed, decimal_below, follows, is_short, read_rational, vector_from_json
+from dobc_design.conditions.numbers import claimed, decimal_below, follows, read_rational, vector_from_json
 from dobc_design.conditions.quadratic.decide import lure_from_json, names_of
-from dobc_design.conditions.schedule.claim import QUADRATIC, SCHEDULE, SEPARABLE, ZERO, Descent, Last, Tube
+from dobc_design.conditions.schedule.claim import QUADRATIC, SCHEDULE, SEPARABLE, Descent, Last, Tube
 from dobc_design.conditions.schedule.cycles import Cycles, Weights, guarantee_in_words, holds_starts
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling, guarantee_of, proved_reason, why_not
 from dobc_design.conditions.separable.checks import obstacle
-from dobc_design.conditions.separable.claim import ErrorBound, separable_from_json
+from dobc_design.conditions.separable.claim import error_from_json, observed_in, separable_from_json
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -25,8 +24,7 @@ MOST_TIMES: Final = 2000
 
 
 def settling_check(problem: Problem, W: Matrix | None, settling: Settling, *, domain: str) -> Check:
-    """Decide a settling time once more, for the decimals that its box domain shows; ``domain``: that of Lemma 1.
-    PROVED or UNDECIDED."""
+    """Decide a settling time once more, for the decimals that its box domain shows: PROVED or UNDECIDED."""
     if settling.claim is None:
         return undecided_check("settling", domain, settling.reason)
     radius, disturbance = decimal_below(settling.radius), decimal_below(settling.disturbance)
@@ -57,8 +55,7 @@ def cycles_check(problem: Problem, W: Matrix | None, claim: Cycles, asked: Regio
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything a proved check of this topic claims is confirmed, else what is not; ``domain``: that of Lemma
-    1.  Raises what a malformed claim raises."""
+    """None if everything that a proved check of this topic claims is confirmed, else what is not."""
     if (reason := obstacle(problem, W)) is not None:
         return reason
     if check.id == "schedule":
@@ -95,8 +92,7 @@ def not_as_claimed(
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cycles:
-    """What a proved check claims, for this problem and the gain W (q, m).  Raises: KeyError, TypeError, ValueError,
-    ShapeError or SpecError for anything that cannot be such a claim."""
+    """What a proved check of this topic claims, for this problem."""
     if check.id == "schedule":
         return cycles_from_json(check.exact, problem)
     radius, disturbance = read_domain(check.domain, problem, kind="box")
@@ -124,12 +120,13 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cy
 
 def tube_from_json(data: object, problem: Problem) -> Tube:
     """Read ``Tube.to_json`` back for this problem; raises as ``read_claim``."""
-    values = read_object(data, ("times", "upper", "lower", *(("P", "beta", "size") if problem.groups else ())))
+    observed = (name for name in observed_in(problem) if name != "kappa")
+    values = read_object(data, ("times", "upper", "lower", *observed))
     if not all(
         isinstance(values[name], list) and len(values[name]) <= MOST_TIMES for name in ("times", "upper", "lower")
     ):
         raise ValueError(f"times, upper and lower must be lists of at most {MOST_TIMES}")
-    error = _error_from_json(values, problem, kappa=ZERO)
+    error = error_from_json({**values, "kappa": "1"}, problem)
     upper, lower = (
         tuple(tuple(vector_from_json(box, problem.n)) for box in values[name]) for name in ("upper", "lower")
     )
@@ -137,18 +134,9 @@ def tube_from_json(data: object, problem: Problem) -> Tube:
     return Tube(times=times, upper=upper, lower=lower, error=error)
 
 
-def _error_from_json(values: Mapping[str, Any], problem: Problem, *, kappa: Fraction) -> ErrorBound | None:
-    if not problem.groups:
-        return None
-    P = tuple(tuple(read_rational(entry) for entry in row) for row in values["P"])
-    if not is_short(P):
-        raise ValueError("P needs too long a common denominator")
-    return ErrorBound(P=P, beta=read_rational(values["beta"]), kappa=kappa, size=read_rational(values["size"]))
-
-
 def cycles_from_json(data: object, problem: Problem) -> Cycles:
     """Read ``Cycles.to_json`` back for this problem; raises as ``read_claim``."""
-    values = read_object(data, ("rate", "rho", "phases", *(("P", "beta", "kappa", "size") if problem.groups else ())))
+    values = read_object(data, ("rate", "rho", "phases", *observed_in(problem)))
     phases = list[Weights]()
     for each in values["phases"]:
         one = read_object(each, ("times", "v"))
@@ -156,9 +144,8 @@ def cycles_from_json(data: object, problem: Problem) -> Cycles:
             raise ValueError(f"times and v must be lists of at most {MOST_TIMES}")
         v = tuple(tuple(vector_from_json(weights, problem.n)) for weights in one["v"])
         phases.append(Weights(times=tuple(read_rational(x) for x in one["times"]), v=v))
-    kappa = read_rational(values["kappa"]) if problem.groups else ZERO
     rate, rho = (None if values[name] is None else read_rational(values[name]) for name in ("rate", "rho"))
-    return Cycles(phases=tuple(phases), rate=rate, rho=rho, error=_error_from_json(values, problem, kappa=kappa))
+    return Cycles(phases=tuple(phases), rate=rate, rho=rho, error=error_from_json(values, problem))
 
 
 def settling_of(problem: Problem, claim: Descent, reason: str) -> Settling:

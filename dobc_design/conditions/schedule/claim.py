@@ -25,11 +25,11 @@ from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import number_text
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
 SEPARABLE, QUADRATIC, SCHEDULE = "max-separable", "quadratic", "schedule"
 ZERO, ONE = Fraction(0), Fraction(1)
+SETTLED = Fraction(1, 100)  # of the radius: below this every |e_ic| has settled, where no tolerance is named
 
 
 Last = Separable | Lure | Cycles  # what may take over
@@ -76,12 +76,9 @@ class Tube(Shown):
 
     def to_json(self) -> dict[str, Any]:
         values: dict[str, Any] = {"times": vector_to_json(self.times)}
-        values |= {"upper": [vector_to_json(box) for box in self.upper]}
-        values |= {"lower": [vector_to_json(box) for box in self.lower]}
-        if self.error is not None:
-            values |= {"P": matrix_text(self.error.P), "beta": number_text(self.error.beta)}
-            values["size"] = number_text(self.error.size)
-        return values
+        values |= {name: [vector_to_json(box) for box in getattr(self, name)] for name in ("upper", "lower")}
+        observed = {} if self.error is None else self.error.to_json()
+        return values | {name: x for name, x in observed.items() if name != "kappa"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -31,7 +31,6 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below, number_text
-from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
 ZERO, ONE = Fraction(0), Fraction(1)
@@ -179,10 +178,7 @@ class Cycles:
                 {"times": vector_to_json(each.times), "v": [vector_to_json(v) for v in each.v]} for each in self.phases
             ],
         }
-        if self.error is not None:
-            values["P"] = matrix_text(self.error.P)
-            values |= {name: number_text(getattr(self.error, name)) for name in ("beta", "kappa", "size")}
-        return values
+        return values if self.error is None else values | self.error.to_json()
 
 
 def why_not(problem: Problem, W: Matrix | None, claim: Cycles) -> str | None:
@@ -294,8 +290,7 @@ def may_stay(problem: Problem, mode: str) -> bool:
 
 
 def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:
-    """v(t) <= exp(-rate t) v'(0) for every t at which the phase may end; on a segment with the larger of its ends and
-    the factor of its later one."""
+    """v(t) <= exp(-rate t) v'(0) for every t at which the phase may end."""
     first = old.times.index(phase.shortest)
     places = [(first, first), *((k, k + 1) for k in range(first, len(old.times) - 1))]
     for a, b in places:

@@ -22,14 +22,14 @@ from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, differe
 from dobc_design.conditions.quadratic.propose import fast_lures, linear_rate, raise_rate
 from dobc_design.conditions.quadratic.sectors import relied_differences
 from dobc_design.conditions.schedule import decide, propose_cycles
-from dobc_design.conditions.schedule.chords import ACCURACY, Chords
 from dobc_design.conditions.schedule.claim import Last, Tube
 from dobc_design.conditions.schedule.cycles import Cycles, Round, why_not
+from dobc_design.conditions.schedule.propose_cycles import ACCURACY, Chords
 from dobc_design.conditions.schedule.rows import Box, MovingRows
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.conditions.separable.propose import first_certificate, propose_separable
-from dobc_design.conditions.separable.propose_observer import propose_error_bound
+from dobc_design.conditions.separable.propose_observer import propose_error_bound, with_kappa
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.problem.arrays import unreached
@@ -73,14 +73,20 @@ class Asked:
     tolerance: Fraction
 
 
+def observed(problem: Problem, W: Matrix | None) -> ErrorBound | None:
+    """P, beta, size of the observer, and a kappa for weights of at least 1; None if none is found, or needed."""
+    exosystem = problem.joint_exosystem
+    if exosystem is None or W is None:
+        return None
+    error = propose_error_bound(exosystem, W, rate=OBSERVER * decay_rate(exosystem, W))
+    return None if error is None else with_kappa(error)
+
+
 def approach(problem: Problem, W: Matrix | None, asked: Asked, *, limit: float | None) -> Iterator[tuple[Tube, Last]]:
-    """Tubes from the box asked for, each with the certificate that then gives the earliest settling time, before
-    ``limit`` (s) if there is one; the tightest first."""
-    error, exosystem = None, problem.joint_exosystem
-    if exosystem is not None:
-        error = None if W is None else propose_error_bound(exosystem, W, rate=OBSERVER * decay_rate(exosystem, W))
-        if error is None:
-            return
+    """Tubes from the box asked for, tightest first, with the certificate that settles first, before ``limit`` (s)."""
+    error = observed(problem, W)
+    if error is None and problem.groups:
+        return
     turns = Round.of(problem)
     apart = turns is not None and any(unreached(problem, [arcs]) for arcs in problem.network.modes.values())
     candidates = [] if apart else list[Last](_near(problem, W, asked, error))
@@ -226,8 +232,7 @@ def _near(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | 
         own = error
         if error is not None:
             rate = min(Fraction(plan.rate), SHARE * error.beta)
-            kappa = Fraction(math.ceil(10**6 / ((error.beta - rate) * Fraction(float(plan.v.min())))), 10**6)
-            own = replace(error, kappa=kappa)
+            own = with_kappa(error, rate=rate, least=Fraction(float(plan.v.min())))
         found = first_certificate(problem, W, replace(plan, error=own), everywhere=problem.is_linear)
         if found is not None and composite_rate(found) > 0:
             slowest = max(slowest, float(composite_rate(found)))
@@ -237,8 +242,6 @@ def _near(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | 
 
 def _kept(problem: Problem, W: Matrix | None, asked: Asked, error: ErrorBound | None) -> Iterator[Cycles]:
     """Weights that move under the guarantee, and the tolerance itself as a box that is never left."""
-    if error is not None:
-        error = replace(error, kappa=Fraction(math.ceil(10**6 / error.beta), 10**6))
     rests = Cycles(phases=(), rate=None, rho=None if problem.is_linear else asked.tolerance, error=error)
     if why_not(problem, W, rests) is None:
         yield rests

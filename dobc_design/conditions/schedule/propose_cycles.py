@@ -7,7 +7,7 @@ fast as their rows allow.  Where iterates of x = max (1, G(x)) settle, they serv
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -17,14 +17,77 @@ from typing import Any, Final
 import numpy as np
 from scipy.linalg import expm
 
-from dobc_design.conditions.schedule.chords import Chords
 from dobc_design.conditions.schedule.cycles import ZERO, Cycles, Phase, Weights, phases_of, why_not
 from dobc_design.conditions.schedule.rows import MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import ErrorBound
+from dobc_design.conditions.separable.propose_observer import with_kappa
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
+
+ACCURACY: Final = 1e-7  # of a point, as a part of what it falls by
+CLOSE: Final = 0.999  # of a goal, which a chord does not miss by more
+MOST_HALVINGS: Final = 40
+MOST_NEWTON: Final = 12
+
+#: The slopes that are asked for at points (count, size), at one time (s).
+Asked = Callable[[Array, Fraction], Array]
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Chords:
+    """``bend``: by how much the slopes at both ends of a chord may differ, times its length, as a part of the entry, or
+    the ``floor`` if it is less; without one of the largest entry.  ``pace`` (1/s): the rate that measures accuracy."""
+
+    bend: float
+    pace: float
+    step: float
+    floor: float | None = None
+    change: Array | None = None  # of the slopes with the point
+
+    def next(
+        self, point: Array, now: Fraction, until: Fraction | None, asked: Asked, *, lands: float | None = None
+    ) -> tuple[Fraction, Array] | None:
+        """The end of the next chord, at most ``until``, and where its largest entry falls just below ``lands``."""
+        before = asked(point[None], now)[0]
+        for _ in range(MOST_HALVINGS):
+            after = now + Fraction(f"{self.step:.4g}")
+            after = after if until is None or after < until else until
+            length, found = float(after - now), self._end(point, before, now, after, asked)
+            bent = math.inf
+            if found is not None:
+                scale = found[0].max() if self.floor is None else np.maximum(found[0], self.floor)
+                bent = float(np.max(np.abs(found[1] - before) / scale)) * length
+            if found is None or not bent <= 2 * self.bend:
+                self.step = length / 2
+                continue
+            top, left = float(point.max()), float(found[0].max())
+            if lands is None or left >= lands * CLOSE or top <= lands:
+                self.step = length * min(2.0, math.sqrt(self.bend / max(bent, self.bend / 4)))
+                return after, found[0]
+            self.step = length * (top - lands) / (top - left)
+        return None
+
+    def _end(
+        self, point: Array, before: Array, now: Fraction, after: Fraction, asked: Asked
+    ) -> tuple[Array, Array] | None:
+        """The end of a chord and the slopes asked for there, by Newton's method; None if it does not settle."""
+        length, found, last = float(after - now), point.copy(), math.inf
+        for _ in range(MOST_NEWTON):
+            there = asked(found[None], after)[0]
+            missed = point + length * np.maximum(before, there) - found
+            left = float(np.max(np.abs(missed) / found))
+            if left <= ACCURACY * length * self.pace:
+                return found, there
+            if self.change is None or not left <= last / 4:
+                widths = 1e-6 * found
+                self.change = (asked(found + np.diag(widths), after) - there).T / widths
+            last = left
+            J = np.where((there >= before)[:, None], self.change, 0.0)
+            found = np.maximum(found + np.linalg.solve(np.eye(len(point)) - length * J, missed), found / 4)
+        return None
+
 
 STEEPEST: Final = 1e6  # weights at most, the least at a beginning 1
 FAR: Final = 5.0  # and times rho, where couplings are not linear
@@ -214,6 +277,5 @@ def _claim(
     claimed = Fraction(f"{rate * ROOM:.6g}")
     if error is not None:
         least = min(x for each in phases for v in each.v for x in v)
-        kappa = Fraction(math.ceil(10**6 / ((error.beta - claimed) * least)), 10**6)
-        error = ErrorBound(P=error.P, beta=error.beta, kappa=kappa, size=error.size)
+        error = with_kappa(error, rate=claimed, least=least)
     return Cycles(phases=tuple(phases), rate=claimed, rho=rho, error=error)

@@ -136,8 +136,7 @@ class MovingRows:
         return found
 
     def pull(self, v: Array, sizes: Sequence[float]) -> Array:
-        """The slopes (count, n) that the rows ask of weights v (count, n) standing still, on both faces for these s;
-        about."""
+        """The slopes (count, n) that the rows ask of weights v (count, n) at rest, on both faces, about."""
         s = np.repeat(np.array(sizes), len(v))[:, None, None]
         boxes = np.tile(np.stack([v, v], axis=1), (len(sizes), 1, 1))
         asked = self.needed(Box.floats(s * boxes), np.zeros(len(boxes))) / s
@@ -212,8 +211,7 @@ class MovingRows:
 
 
 def moving_rows(problem: Problem, most: Fraction, modes: Sequence[str] | None = None) -> MovingRows | None:
-    """Rows of the given modes (default: all) for boxes none of whose numbers exceeds ``most``; None where a coupling is
-    not defined or turns too often as far out as that."""
+    """Rows for boxes with no number beyond ``most``; None where a coupling is not defined or turns too often."""
     layout, radius = arc_layout(problem, modes=modes), 2 * most * (1 + MARGIN)
     try:
         profiles = tuple(profile(Curve(each.components[0]), radius) for each in problem.couplings)

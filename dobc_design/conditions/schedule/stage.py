@@ -15,7 +15,6 @@ from itertools import chain
 from typing import Any, Final
 
 from dobc_design.conditions.check import Check, surviving, undecided_check
-from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.coverage import Progress, asked_radius
 from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
@@ -23,7 +22,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse
 from dobc_design.conditions.schedule import decide, propose, propose_cycles
 from dobc_design.conditions.schedule.checks import cycles_check, settling_check
-from dobc_design.conditions.schedule.claim import ONE, ZERO, Descent, Last, Tube
+from dobc_design.conditions.schedule.claim import ONE, SETTLED, ZERO, Descent, Last, Tube
 from dobc_design.conditions.schedule.cycles import Cycles, guarantee_in_words, holds_starts, phases_of, unreached_cycles
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling
@@ -31,7 +30,6 @@ from dobc_design.conditions.schedule.propose import Asked
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
 from dobc_design.conditions.separable.propose import design_separable, first_certificate, flatter_plans
-from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval, log, sqrt
 from dobc_design.exact.matrix import Matrix
@@ -44,8 +42,6 @@ logger = logging.getLogger("dobc_design")
 
 #: Agents times state components up to which settling times are looked for.
 MOST_ROWS: Final = 100
-#: A start counts as settled, where no tolerance is named, when every |e_ic| is below this part of the radius.
-SETTLED: Final = Fraction(1, 100)
 DIGITS: Final = 10  # of levels and roots
 EXTRA: Final = Fraction(1, 10**9)  # added to them, for whoever encloses exp more widely
 SMALLEST: Final = Fraction(1, 10**300)
@@ -53,8 +49,7 @@ TIMES: Final = 10**4  # settling times have four decimals
 
 
 def asked_of(problem: Problem, *, tolerance: Any, radius: Any = None, disturbance: Any = None) -> Asked:
-    """Read the numbers; what is None comes from the [region].  Raises: SpecError for a number that is wrong, or missing
-    where there is no region to take it from."""
+    """Read the numbers; what is None comes from the [region].  Raises: SpecError for one that is wrong or missing."""
     region = problem.region
     missing = ["radius"] * (radius is None) + ["disturbance"] * (disturbance is None and bool(problem.groups))
     if missing and region is None:
@@ -101,8 +96,7 @@ def asked_beside(problem: Problem, checks: Sequence[Check], *, tolerance: Fracti
 
 
 def settle(problem: Problem, W: Matrix | None, asked: Asked, *, progress: Progress) -> Settling:
-    """Find and prove a settling time for the starts asked for, with the gain W (q, m); None without an exosystem.
-    PROVED by ``decide``, or UNDECIDED with the reason."""
+    """Find and prove a settling time for the starts asked for, with the gain W (q, m); None without an exosystem."""
     best = single = None
     starts = f"from |e|_inf <= {float(asked.radius):.6g} and |eps_i| <= {float(asked.disturbance):.6g}"
     if not acts_by_component(problem):
@@ -195,8 +189,7 @@ def settling_stage(
     domain: str,
     report: Progress,
 ) -> Check:
-    """The check `settling` beside ``checks``, which are for the gain W (q, m); PROVED or UNDECIDED.  ``tolerance`` in
-    the unit of x, None for a hundredth of the radius; ``domain``: that of Lemma 1."""
+    """The check `settling` beside ``checks`` for the gain W (q, m); ``tolerance`` None: a hundredth of the radius."""
     if (reason := obstacle(problem, W)) is not None:
         return undecided_check("settling", domain, reason)
     rows = problem.n * problem.m
@@ -244,15 +237,6 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     return [undecided(reason)]
 
 
-def _observed(problem: Problem, W: Matrix | None) -> ErrorBound | None:
-    """P, beta, size of the observer, and a kappa for weights of at least 1; None if none is found, or needed."""
-    exosystem = problem.joint_exosystem
-    if exosystem is None or W is None:
-        return None
-    error = propose_error_bound(exosystem, W, rate=propose.OBSERVER * decay_rate(exosystem, W))
-    return None if error is None else replace(error, kappa=Fraction(math.ceil(10**6 / error.beta), 10**6))
-
-
 def _reach(asked: Region, error: ErrorBound | None, times: int) -> Fraction:
     """How far V may reach at the start, with so many times what the estimation error adds."""
     noise = ZERO if error is None else error.kappa * _root_above(error.size) * claimed(asked.disturbance)
@@ -261,7 +245,7 @@ def _reach(asked: Region, error: ErrorBound | None, times: int) -> Fraction:
 
 def _weighted_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:
     """A claim with weights and a rate that is proved and holds the starts asked for."""
-    error, box = _observed(problem, W), (claimed(asked.radius), claimed(asked.disturbance))
+    error, box = propose.observed(problem, W), (claimed(asked.radius), claimed(asked.disturbance))
     if problem.n * problem.m > MOST_ROWS or (problem.groups and error is None):
         return None
     rho = None if problem.is_linear else _reach(asked, error, 2)
@@ -271,7 +255,7 @@ def _weighted_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycle
 
 def _bare_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:
     """The same by the graphs alone, without a rate."""
-    error = _observed(problem, W)
+    error = propose.observed(problem, W)
     rho = None if problem.is_linear else _up(_reach(asked, error, 1))
     claim = Cycles(phases=(), rate=None, rho=rho, error=error)
     return claim if why_not_cycles(problem, W, claim) is None else None

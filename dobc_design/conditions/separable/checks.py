@@ -109,9 +109,8 @@ def sampling_check(
     W: Matrix | None = None,
     own: Separable | None = None,
 ) -> Check:
-    """Decide how long couplings and pinning may be held, for a ``claim`` that the check ``beside`` proves.  ``own``:
-    another claim, for whose v longer periods do no harm; it is decided here, for the starts of ``beside`` and the loop
-    with the gain ``W`` (q, m)."""
+    """Decide how long couplings and pinning may be held, for the ``claim`` of ``beside``, or its ``own`` for other
+    v."""
     if own is not None and _not_proved(own, beside, problem, W, domain) is not None:
         own = None
     claim = own or claim

@@ -11,7 +11,7 @@ can serve all modes at all: for nondecreasing couplings an order of the agents d
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Final, NamedTuple
@@ -19,7 +19,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from dobc_design.conditions.check import Check, Claim, read_object
-from dobc_design.conditions.numbers import is_short, read_rational, vector_from_json, vector_to_json
+from dobc_design.conditions.numbers import form_from_json, read_rational, vector_from_json, vector_to_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, number_text
@@ -29,6 +29,7 @@ from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
 FACES = {1: "upper", -1: "lower"}
+OBSERVED: Final = ("P", "beta", "kappa", "size")
 OWN: Final = "certificate"  # the key under which a check of sampling holds one of its own, where it has one
 
 
@@ -41,6 +42,24 @@ class ErrorBound:
     beta: Fraction
     kappa: Fraction
     size: Fraction
+
+    def to_json(self) -> dict[str, Any]:
+        return {"P": matrix_text(self.P), **{name: number_text(getattr(self, name)) for name in OBSERVED[1:]}}
+
+
+def observed_in(problem: Problem) -> tuple[str, ...]:
+    """The keys of the observer's part of a claim."""
+    return OBSERVED if problem.groups else ()
+
+
+def error_from_json(values: Mapping[str, Any], problem: Problem) -> ErrorBound | None:
+    """Read ``ErrorBound.to_json`` back; None without an exosystem.  Raises as ``read_claim``."""
+    if not problem.groups:
+        return None
+    beta, kappa, size = (read_rational(values[name]) for name in OBSERVED[1:])
+    if min(beta, kappa, size) <= 0:
+        raise ValueError("beta, kappa and size must be > 0")
+    return ErrorBound(P=form_from_json(values["P"]), beta=beta, kappa=kappa, size=size)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,10 +91,7 @@ class Separable:
             "alpha": number_text(self.alpha),
             "rho": None if self.rho is None else number_text(self.rho),
         }
-        if self.error is not None:
-            values["P"] = matrix_text(self.error.P)
-            values |= {name: number_text(getattr(self.error, name)) for name in ("beta", "kappa", "size")}
-        return values
+        return values if self.error is None else values | self.error.to_json()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,8 +122,7 @@ class SamplingBound:
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
-    """What a proved check of this topic claims, for this problem; the gain ``W`` (q, m) is not needed.  Raises:
-    KeyError, TypeError, ValueError, ShapeError or SpecError for anything that cannot be such a claim."""
+    """What a proved check of this topic claims, for this problem."""
     exact = check.exact
     if check.id == "delay":
         values = read_object(exact, ("delay", "rate"))
@@ -123,22 +138,12 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
 
 def separable_from_json(exact: object, problem: Problem) -> Separable:
     """Read the values of ``Separable.to_json`` back for this problem; raises as ``read_claim``."""
-    names = ("P", "beta", "kappa", "size") if problem.groups else ()
-    values = read_object(exact, ("v", "alpha", "rho", *names))
-    error = None
-    if problem.groups:
-        P = tuple(tuple(read_rational(entry) for entry in row) for row in values["P"])
-        if not is_short(P):
-            raise ValueError("P needs too long a common denominator")
-        beta, kappa, size = (read_rational(values[name]) for name in ("beta", "kappa", "size"))
-        if min(beta, kappa, size) <= 0:
-            raise ValueError("beta, kappa and size must be > 0")
-        error = ErrorBound(P=P, beta=beta, kappa=kappa, size=size)
+    values = read_object(exact, ("v", "alpha", "rho", *observed_in(problem)))
     return Separable(
         v=vector_from_json(values["v"], problem.n),
         alpha=read_rational(values["alpha"]),
         rho=None if values["rho"] is None else read_rational(values["rho"]),
-        error=error,
+        error=error_from_json(values, problem),
     )
 
 
@@ -181,8 +186,7 @@ class Place:
 
 
 def holding_gains(problem: Problem, *, error: Fraction | int = 0) -> tuple[Fraction, ...]:
-    """What the pin of each agent is worth in a row: the least k_cc - sum_{d != c} |k_cd|; 0 without a pin.  ``error``:
-    relative, of every entry."""
+    """What each pin is worth in a row: the least k_cc - sum_{d != c} |k_cd|; ``error``: relative, of every entry."""
     gains = [Fraction(0)] * problem.n
     known: dict[int, Fraction] = {}  # agents often share one matrix
     for agent, k in problem.pinning.gains.items():
@@ -199,8 +203,7 @@ def acts_by_component(problem: Problem) -> bool:
 
 
 def largest_reach(problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1) -> tuple[Fraction, ...]:
-    """A bound of v_i + stretch v_j over the arcs of each of problem.couplings; 0 without arcs.  It leaves room for what
-    floats that are rounded up may add.  Raises: ShapeError unless v has one entry per agent."""
+    """A bound of v_i + stretch v_j over the arcs of each coupling, with room for rounding up.  Raises: ShapeError."""
     require_one_per_agent(problem, v)
     above = v.array if isinstance(v, Doubles) else np.array([float_above(x) for x in v])
     factor = float_above(Fraction(stretch))

@@ -98,8 +98,7 @@ def verify_separable(
 def largest_rate(
     problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, errors: Errors = EXACT
 ) -> Fraction | None:
-    """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho]; None if none > 0.
-    The certificate (v, alpha, rho) is then PROVED by ``verify_separable``."""
+    """The largest alpha (1/s, nine digits), about, that v is proved to have for all s in (0, rho]; None if none > 0."""
     question = _ask(problem, v, rho, 1, errors)
     if isinstance(question, str):
         return None
@@ -134,8 +133,7 @@ def largest_rate(
 def coupling_profiles(
     problem: Problem, v: Vector | Doubles, *, rho: Fraction | None, stretch: Fraction | int = 1
 ) -> tuple[Profile, ...]:
-    """Where each coupling rises and falls, as far out as the rows look (at 0 only for linear couplings, rho None).
-    Raises: UndefinedError naming the coupling and the interval where it is not defined."""
+    """Where each coupling rises and falls, as far out as the rows look.  Raises: UndefinedError naming the interval."""
     reach = claims.largest_reach(problem, v, stretch=stretch)
     return tuple(
         profile(Curve(coupling.components[0]), _ZERO if rho is None else rho * most)
@@ -319,8 +317,7 @@ def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
 
 
 class _Side(NamedTuple):
-    """A term on one face with its numbers in the arithmetic of the intervals S: y = s t lies between the ends ``left``
-    and ``right``; ``whole`` holds both, mirrored to the face; ``bend`` is the weight times step^2."""
+    """A term on one face: y = s t between ``left`` and ``right``, both in ``whole``; ``bend``: weight times step^2."""
 
     term: Term
     kind: Profile
@@ -411,8 +408,7 @@ def _rises(side: _Side, S: Interval) -> bool:
 
 
 def _largest(side: _Side, S: Interval) -> Interval:
-    """An interval whose upper end phi does not exceed on S, where h may turn: both ends, and every place where it may
-    have a maximum."""
+    """An interval whose upper end phi does not exceed on S: both ends, and wherever it may have a maximum."""
     natural = secant(side.kind.curve, S * side.whole).value * side.whole * side.face
     if not S.bottom and any(cell.place.contains(0) for cell in side.turns):
         return natural
@@ -483,8 +479,7 @@ def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> 
 
 
 def composite_rate(claim: Separable) -> Fraction:
-    """The rate of V = N + kappa E: min(alpha, beta - 1/(kappa min v)); alpha without an observer.  Positive whenever
-    ``verify_composite`` is proved."""
+    """The rate of V = N + kappa E: min(alpha, beta - 1/(kappa min v)); alpha without an observer."""
     if claim.error is None:
         return claim.alpha
     return min(claim.alpha, claim.error.beta - 1 / (claim.error.kappa * claim.least))

@@ -283,8 +283,7 @@ class Kinds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """All arcs in the order of their rows; agent i of the k-th mode has row k n + i.  ``rows``, ``speakers``,
-    ``kinds``: of each arc; ``start`` and ``weights`` as in ArcRows."""
+    """All arcs by rows; agent i of the k-th mode has row k n + i.  ``start`` and ``weights`` as in ArcRows."""
 
     rows: Any
     speakers: Any
@@ -320,8 +319,7 @@ def arc_layout(problem: Problem, *, modes: Sequence[str] | None = None, errors: 
 def arc_rows(
     problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1, errors: Errors = EXACT
 ) -> ArcRows:
-    """Bring all modes into arrays, rounded so that rows only become harder to satisfy; agent i of the k-th mode stands
-    in row k n + i."""
+    """Bring all modes into arrays, rounded so that rows only become harder to satisfy."""
     modes, layout = len(problem.network.modes), arc_layout(problem, errors=errors)
     listeners, speakers = layout.rows, layout.speakers
     low, high = _floats(v)
@@ -388,8 +386,7 @@ def open_rows(arcs: ArcRows, kinds: Kinds, *, alpha: Fraction, rho: Fraction) ->
 
 
 def stiffest_row(arcs: ArcRows, profiles: Sequence[Profile], gains: Sequence[Fraction], *, rho: Fraction) -> Fraction:
-    """An upper bound of the largest sum_j w L_ij + k over rows and faces (``timing``); ``gains``: k of each row.
-    Raises: exact.interval.UndefinedError where a slope is not bounded."""
+    """An upper bound of the largest sum_j w L_ij + k over rows and faces.  Raises: UndefinedError."""
     counts = np.diff(arcs.start)
     rows, held = np.repeat(np.arange(len(counts)), counts), _floats(gains)[1]
     own, mean, largest = arcs.own[1][rows], np.zeros(len(rows)), Fraction(0)
@@ -556,8 +553,7 @@ def _sums(values: Array, rows: Any, counts: Any) -> Array:
 
 
 def _floats(values: Sequence[Fraction], *, less: Fraction | None = None) -> tuple[Array, Array]:
-    """Floats below and above the numbers, or these ``less`` something, equal where the number is a float.  Equal
-    objects are converted once."""
+    """Floats below and above the numbers, or these ``less`` something; equal objects are converted once."""
     if isinstance(values, Doubles) and less is None:
         return values.array, values.array
     places = np.fromiter(map(id, values), dtype=np.int64, count=len(values))

@@ -26,8 +26,7 @@ from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.arrays import coupling_places, split_by
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.program import Array
-from dobc_design.solvers.sparse import factored
+from dobc_design.solvers.program import Array, factored
 from dobc_design.verdict import Verdict
 
 logger = logging.getLogger("dobc_design")
@@ -216,8 +215,7 @@ def linear_rate(field: Field) -> float:
 def least_solution(
     field: Field, *, alpha: float, start: Array, lower: Array | float = 1.0, accuracy: tuple[float, float] | None = None
 ) -> Array | None:
-    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton's method finds none.  ``start``
-    lies below it: the solution for a smaller alpha does."""
+    """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton from ``start`` finds none."""
     v = start.copy()
     close, drop = accuracy or (TIGHT if field.size <= FACTORED_AGENTS else LOOSE)
     for _ in range(STEPS):
@@ -295,9 +293,8 @@ class SeparablePlan:
 
 
 def propose_separable(problem: Problem, *, rho: Fraction | float, near: float | None = None) -> SeparablePlan | None:
-    """Find v with min v = 1 and the largest rate, about, for all s in (0, rho]; None if no positive rate is found.  The
-    box |e|_inf <= rho is then inside {N <= rho}.  ``near``: a rate (1/s) that is expected, with which the search for
-    many agents begins."""
+    """v with min v = 1 and the largest rate for all s in (0, rho], about; None if none > 0.  ``near``: a rate expected
+    (1/s)."""
     if not find_ordering(problem).exists or not 0 < rho <= LARGEST_RADIUS:
         return None
     with np.errstate(all="ignore"):  # far out couplings overflow or end; what is not finite is no proposal
@@ -344,8 +341,7 @@ def _fastest(
 
 
 def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> Iterator[Array]:
-    """Find the least v with min v = 1 for parts (<= 1) of about the largest rate: smaller parts are flatter.  Quicker
-    and coarser than ``propose_separable``; nothing if no positive rate is found."""
+    """Least v with min v = 1 for ``parts`` of the largest rate; quicker and coarser than ``propose_separable``."""
     field = field_of(problem, rho=rho)
     field = replace(field, grid=field.grid[:: max(1, len(field.grid) // COARSE)])
     best = least_solution(field, alpha=0.0, start=np.ones(problem.n))
@@ -399,8 +395,7 @@ def design_separable(
 def flat_separable(
     problem: Problem, *, radius: Fraction, disturbance: Fraction, W: Matrix | None, rate: float
 ) -> SeparablePlan | None:
-    """Plan a certificate like ``design_separable``, whose v is the flattest for about ``rate`` (1/s): the least v >= 1.
-    None if there is no v for this rate, or the observer with the gain W (q, m) is slower."""
+    """A plan like that of ``design_separable`` with the flattest v for about ``rate`` (1/s); None if there is none."""
     exosystem, error = problem.joint_exosystem, None
     if exosystem is not None:
         error = None if W is None else propose_error_bound(exosystem, W, rate=rate)
@@ -413,9 +408,8 @@ def flat_separable(
 
 
 def flatter_plans(problem: Problem, plan: SeparablePlan) -> Iterator[SeparablePlan]:
-    """The same plan with flatter v and smaller rates, for a v too steep to be proved; nothing for one that is flat.
-    The largest rate may ask for weights of which nothing is left of an enclosure: chains of agents have such; or with
-    which agents are compared so far apart that a coupling is not defined there."""
+    """Flatter v with smaller rates for a plan too steep to be proved (chains of agents have such); none for a flat
+    one."""
     far = 2 * float(plan.rho) * float(plan.v.max())
     with np.errstate(all="ignore"):
         ends = [each.numpy_function()([[y] * problem.m for y in (-far, far)]) for each in problem.couplings]
@@ -440,8 +434,7 @@ def rounded_vectors(plan: SeparablePlan) -> Iterator[Vector | Doubles]:
 def first_certificate(
     problem: Problem, W: Matrix | None, plan: SeparablePlan, *, everywhere: bool = False
 ) -> Separable | None:
-    """The first rounding of v that is proved with nearly the planned rate, else the best one proved; None if none is.
-    Every answer is PROVED by ``verify_composite``.  ``everywhere``: for all radii, as linear couplings allow."""
+    """The first rounding of v proved at nearly the planned rate, else the best.  ``everywhere``: for all radii."""
     best: Separable | None = None
     rho = None if everywhere else plan.rho
     for v in rounded_vectors(plan):

@@ -7,7 +7,7 @@ gives the P with the least lambda_max; beta is then searched for the least kappa
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -30,6 +30,11 @@ DIGITS = 8
 UNIT = 10**6  # beta and kappa have six decimals
 FLOOR = 1e-6
 NEARLY, LARGEST = 1e-5, 1e100
+
+
+def with_kappa(error: ErrorBound, *, rate: Fraction | int = 0, least: Fraction | int = 1) -> ErrorBound:
+    """The same error with the kappa for V at this rate (1/s), and weights of at least ``least``; rounded up."""
+    return replace(error, kappa=Fraction(math.ceil(UNIT / ((error.beta - rate) * least)), UNIT))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

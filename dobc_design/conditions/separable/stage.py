@@ -92,8 +92,7 @@ def largest_claim(asked: Asked) -> tuple[Separable | None, float]:
 
 
 def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
-    """What floating point proposes for a box; None also when a numerical library breaks down.  For linear couplings all
-    boxes are alike."""
+    """What floating point proposes for a box; for linear couplings all boxes are alike."""
     size = Fraction(1) if asked.domain == "global" else claimed(radius)
     disturbance = Fraction(0) if asked.domain == "global" else claimed(asked.disturbance)
     plan = None

@@ -51,8 +51,7 @@ def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> Separ
 
 
 def longest_delay(problem: Problem, claim: Separable, *, rate: Fraction) -> DelayBound | None:
-    """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); within a factor of two or so.
-    None if there is none, as for rates above those of the claim."""
+    """A long delay (s, one digit) for which ``claim`` is proved to keep ``rate`` (1/s); None if there is none."""
     delays = [rounded_down(1 / rate, digits=1)]
     while len(delays) < _SHORTER:
         delays.append(rounded_down(delays[-1] / 2, digits=1))
@@ -87,8 +86,7 @@ def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) ->
 
 
 def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction], bool]) -> Fraction | str:
-    """The largest sum_j w L_ij + k_cc over agents and faces, or why there is none.  From floats, where that number is
-    ``enough``; else exactly, up to the tolerance of the slopes."""
+    """The largest sum_j w L_ij + k_cc, or why there is none: from floats if that is ``enough``, else exactly."""
     if not claims.acts_by_component(problem) or (claim.rho is None and not problem.is_linear):
         return "does not apply: the rows of the max-separable certificate say nothing for this coupling."
     gains = [_ZERO] * problem.n

@@ -1,8 +1,17 @@
-"""Weighted Theorems 1 and 2, decided: the rows N w > 0, exactly for few agents, else in floats rounded outward."""
+"""Theorems 1 and 2 with weights: V = e'De + sum eps_i' P eps_i, D > 0 diagonal (theory, section 10).
+
+With arc gains a >= 0 at the target and diagonal k >= 0, M = L(a) + K is an M-matrix.  For a rate beta let
+
+    N = D M + M'D - 2 beta D - D (I (x) sigma I) D,        sigma >= lambda_max(S),  S = C (-Omega0 - 2 beta P)^-1 C'
+
+N is a symmetric Z-matrix, so w > 0 with N w > 0 proves N > 0, and by the Reduction V' <= -2 beta V near the target
+(linear couplings: everywhere).  One D and one P serve all modes; each mode has a w of its own.
+The rows are decided exactly for few agents, else in floats rounded outward.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
@@ -10,18 +19,61 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.consensus.claim import ModeJacobian, Pair, Statements
 from dobc_design.conditions.consensus.decide import schur_block
-from dobc_design.conditions.numbers import MANY_AGENTS, claimed, shorten
-from dobc_design.conditions.weighted.claim import Weighted, read_claim
+from dobc_design.conditions.numbers import (
+    MANY_AGENTS,
+    claimed,
+    form_from_json,
+    shorten,
+    vector_from_json,
+    vector_to_json,
+)
+from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import Matrix, Vector, is_symmetric, multiply
 from dobc_design.exact.number import float_above, float_below
-from dobc_design.exact.symmetric import Doubles, SparseSymmetric
+from dobc_design.exact.symmetric import Doubles, SparseSymmetric, least
+from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import blocks_of, group_blocks, group_numbers
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Weighted:
+    """A claim: N w > 0 in every mode.  ``D`` and ``w[mode]`` (n m,), all > 0, entry i m + c for component c of agent i;
+    ``P`` (q, q) symmetric, None without an exosystem.  Raises: ShapeError for an entry that is not > 0."""
+
+    D: Vector | Doubles
+    w: Mapping[str, Vector | Doubles]
+    P: Matrix | None = None
+
+    def __post_init__(self) -> None:
+        for name, vector in (("D", self.D), *self.w.items()):
+            if not len(vector) or least(vector) <= 0:
+                raise ShapeError(f"{name} must have one entry > 0 per state.", key=name)
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values of a proved check."""
+        values: dict[str, Any] = {
+            "D": vector_to_json(self.D),
+            "w": {mode: vector_to_json(vector) for mode, vector in self.w.items()},
+        }
+        return values if self.P is None else {**values, "P": matrix_text(self.P)}
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
+    """What a proved check of this topic claims, for this problem."""
+    values = read_object(check.exact, ("D", "w", "P") if problem.groups else ("D", "w"))
+    size = problem.n * problem.m
+    w = {
+        mode: vector_from_json(vector, size) for mode, vector in read_object(values["w"], problem.network.modes).items()
+    }
+    P = form_from_json(values["P"]) if problem.groups else None
+    return Weighted(D=vector_from_json(values["D"], size), w=w, P=P)
+
 
 ZERO = Fraction(0)
 _SMALLEST = 2.0**-240  # a product of four numbers above keeps its digits
@@ -67,8 +119,7 @@ def network_holds(
 def observer_bounds(
     problem: Problem, P: Matrix | None, W: Matrix | None, *, rate: Fraction
 ) -> tuple[Fraction, ...] | None:
-    """For each group sigma >= lambda_max(S), its largest row sum; 0 without an exosystem.  None unless P > 0 and
-    Omega0 + 2 rate P < 0 are proved."""
+    """Of each group a row-sum bound of lambda_max(S), 0 without an exosystem; None unless Omega0 + 2 rate P < 0 < P."""
     exosystem = problem.joint_exosystem
     if exosystem is None:
         return (ZERO,)

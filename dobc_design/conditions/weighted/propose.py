@@ -1,4 +1,4 @@
-"""Proposals for weighted Theorems 1 and 2: rates, weights D, vectors w, the observer's P; no proofs.
+"""Proposals for weighted Theorems 1 and 2 (rates, weights D, vectors w, the observer's P), and when they are tried.
 
 For beta below the least real part mu of an eigenvalue of M, w = (M - beta I)^-1 1 and u = (M - beta I)^-T 1 are
 positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive definite (theory, section 10).
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain, combinations, islice
 from typing import Any
@@ -17,21 +17,23 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
+from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
 from dobc_design.conditions.numbers import MANY_AGENTS, bisected, shorten
-from dobc_design.conditions.weighted.claim import Weighted
-from dobc_design.conditions.weighted.decide import observer_bounds
+from dobc_design.conditions.observer.decide import too_large
+from dobc_design.conditions.weighted.decide import Weighted, id_for, observer_bounds, weighted_check, why_not
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.symmetric import Doubles
-from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.exact.work import out_of_time
+from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix, unreached
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, solve_cones, svec
-from dobc_design.solvers.program import Array, round_matrix
-from dobc_design.solvers.sparse import factored
+from dobc_design.solvers.program import Array, factored, round_matrix
+from dobc_design.verdict import Verdict
 
 PARTS = (1.0, 0.999, 0.99, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1, 0.01, 0.001, 0.0)  # of the rate that is thought possible
 CLOSEST = 0.99995  # of mu where eigenvalues are known
@@ -116,8 +118,7 @@ class Perron:
 
 
 def perron(table: Any) -> Perron | None:
-    """The pair of an M-matrix with a rate close to mu, the least real part of an eigenvalue; None if mu > 0 is not
-    seen, or a numerical library breaks down."""
+    """The pair of an M-matrix with a rate close to mu, its least Re of an eigenvalue; None if mu > 0 is not seen."""
     with suppress(*GIVEN_UP):
         return _perron(table)
     return None
@@ -217,8 +218,7 @@ def _weights(tables: Mapping[str, Any], rate: float) -> Array | None:
 
 
 def _program(tables: Mapping[str, Any], rate: float) -> Iterator[Array]:
-    """The most even D >= 1 with D (M - rate I) + (M - rate I)'D >= 0 and a little more, by a semidefinite program;
-    none for large ones."""
+    """The most even D >= 1 with D (M - rate I) + (M - rate I)'D > 0, by a semidefinite program; none for large ones."""
     size = next(iter(tables.values())).shape[0]
     if size**3 * len(tables) > LARGEST_PROGRAM:
         return
@@ -238,8 +238,7 @@ def _program(tables: Mapping[str, Any], rate: float) -> Iterator[Array]:
 
 
 def _height(M: Any, D: Array, rate: float, pair: Perron | None = None) -> tuple[Array, Array] | None:
-    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if none is seen.  ``pair``: D is
-    its u / w, and its w will do."""
+    """w > 0 with N w > 0 for N = D (M - rate I) + (M - rate I)'D, and N w; None if not seen.  ``pair``: D = u / w."""
     if pair is not None:
         rise = D * (M @ pair.w) + M.T @ pair.u - 2 * rate * pair.u
         return (pair.w, rise) if np.all(rise > 0) else None
@@ -308,3 +307,28 @@ def _lyapunov(problem: Problem, W: Matrix, rate: float) -> Matrix | None:
             return None
         blocks.append(round_matrix((P + P.T) / 2, 9))
     return block_diagonal(blocks)
+
+
+def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
+    """The check of the weighted theorem for the gain W (q, m); none where it says no more than other checks."""
+    problem = statements.problem
+    modes = problem.network.modes
+    id = id_for(problem)
+    if why_not(statements) is not None or any(unreached(problem, [arcs]) for arcs in modes.values()):
+        return []
+    reasons = (out_of_time(), *(too_large(group.exosystem) for group in problem.groups))
+    if (reason := next(filter(None, reasons), None)) is not None:
+        return [undecided_check(id, statements.domain, reason)]
+
+    def decided() -> Check:
+        for claim, rate in proposals(statements, W):
+            check = weighted_check(id, statements, W, claim, rate=rate)
+            if check.verdict is Verdict.PROVED:
+                return check
+        check = weighted_check(id, statements, W, None, rate=0.0)
+        pair = disagreeing(problem) if len(modes) > 1 else None
+        if pair is None:
+            return check
+        return replace(check, reason=f"no weights D are found that serve the modes {pair[0]} and {pair[1]} together.")
+
+    return [limited(id, statements.domain, decided)]

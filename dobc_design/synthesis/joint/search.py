@@ -157,8 +157,7 @@ def _attempt(
     part: Fraction = HALF,
     slower: list[Design] | None = None,
 ) -> Design:
-    """Decide one request: PROVED with a certificate, REFUTED with a statement, or UNDECIDED with the reason.  Designs
-    that are proved, but not at the rate asked for, are added to ``slower``."""
+    """Decide one request; designs that are proved, but not at the rate asked for, are added to ``slower``."""
     progress("looking for what is impossible")
     large = next(filter(None, (too_large(group.exosystem) for group in problem.groups)), None)
     changes, decisions, obstacle = ({}, (), None) if large else reduced_exosystem(problem, reduce=request.reduce)
@@ -397,8 +396,7 @@ def _with_more_pins(ground: Ground, found: PinningDesign, rate: Fraction, agents
 
 
 def _slow_start(ground: Ground) -> tuple[tuple[int, ...], list[Fraction]]:
-    """The agents that do at a very low rate, and the parts of the fastest rate with them; by V = e'e, because the true
-    rate comes near its limit only with very large gains."""
+    """Agents that do at a very low rate, and parts of their fastest, by V = e'e: the true rate asks too much there."""
     problem, request = ground.problem, ground.request
     blocks = network_blocks(problem)
     scale = Fraction(1) if blocks is None or not blocks.scale else claimed(float(f"{blocks.scale:.1g}"))

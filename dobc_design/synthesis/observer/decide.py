@@ -114,8 +114,7 @@ def damping_holds(F: Matrix, damping: Fraction) -> bool:
 
 
 def sampled_matrix(exosystem: Exosystem, W: Matrix, period: Fraction) -> exponential.IntervalMatrix:
-    """Enclose Ad - W Cd, with Ad = exp(A T) and Cd = C (1/T) int_0^T exp(A s) ds.  The sampled observer works with
-    means over a period: (x_(k+1) - x_k)/T less the mean of couplings and inputs is Cd xi_k."""
+    """Enclose Ad - W Cd, Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds, of the observer of means over T."""
     found = exponential.discretise(exosystem.A, period)
     q = exosystem.order
     zero = Interval.point(0)

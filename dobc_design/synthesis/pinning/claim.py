@@ -14,7 +14,7 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import rounded_up, shorten
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.statement import Statement
-from dobc_design.conditions.weighted.claim import Weighted
+from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.errors import SpecError, kept, raise_all
 from dobc_design.exact.matrix import Vector
 from dobc_design.exact.number import float_above, float_below, number_text

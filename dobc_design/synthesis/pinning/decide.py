@@ -119,8 +119,7 @@ def bound_from(ground: Ground, vectors: Vectors, allowed: Collection[int], rate:
 def obstacle_to(
     ground: Ground, allowed: Collection[int], rate: Fraction, candidates: Vectors = ()
 ) -> tuple[str, Vector] | None:
-    """A mode and a direction v (n m) that no gains on the ``allowed`` agents hold: v'(Lambda0 - 2 K + 2 rate I) v >= 0.
-    Gains with a cap stand at it, which is best; the direction is 0 on agents whose gain has no cap."""
+    """A mode and v (n m,), v'(Lambda0 - 2 K + 2 rate I) v >= 0 for all gains on ``allowed``, 0 where one has no cap."""
     request, m = ground.request, ground.problem.m
     size = ground.problem.n * m
     free = set(allowed) - set(request.caps)

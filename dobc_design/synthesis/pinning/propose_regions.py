@@ -23,8 +23,7 @@ from dobc_design.conditions.separable.propose import LARGEST_RADIUS, Field, fiel
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.program import Array
-from dobc_design.solvers.sparse import factored
+from dobc_design.solvers.program import Array, factored
 from dobc_design.synthesis.pinning.claim import Gains, PinningRequest
 
 HELD = 1e9  # a gain, times the size of the rows, that holds an agent whatever the others do

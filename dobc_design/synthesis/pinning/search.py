@@ -111,8 +111,7 @@ def _attempt(ground: Ground, proposer: PinningProposer, progress: Progress) -> P
 
 
 def _weighted_attempt(ground: Ground, plain: PinningProposer, progress: Progress) -> PinningDesign:
-    """Decide a request by V = e'De: on the agents that V = e'e would choose and on those that the true rate asks for.
-    Where no weights are found, or gains for V = e'e are the cheaper ones, those, without their bounds."""
+    """Decide by V = e'De on the agents that either V would choose; gains for V = e'e stand in, without their bounds."""
     request, bare = ground.request, plain.problem
     structure = decide.structure_of(bare, request.allowed)
     limits: dict[str, Any] = {"allowed": request.allowed, "caps": request.caps, "propose": slow_directions}
@@ -157,8 +156,7 @@ def _unbounded(design: PinningDesign) -> PinningDesign:
 def _with_weights(
     ground: Ground, proposer: PinningProposer, plain: PinningProposer, structure: Structure, agents: Sequence[int]
 ) -> PinningDesign | None:
-    """The smallest gains found on these agents for which weights of V are proved; None if none are.  What every mode
-    needs by itself does for one; several need weights in common, for which V = e'e is the last resort."""
+    """The smallest gains found on these agents for which weights of V are proved; None if none are."""
     request, labels, rate = ground.request, ground.problem.network.labels, number_text(ground.request.rate)
     several = len(ground.lambdas) > 1
 

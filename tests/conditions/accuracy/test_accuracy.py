@@ -17,8 +17,7 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify as certified
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
-from dobc_design.conditions.accuracy.claim import Accuracy
-from dobc_design.conditions.accuracy.decide import confirm
+from dobc_design.conditions.accuracy.decide import Accuracy, confirm
 from dobc_design.conditions.check import Check, Values
 from dobc_design.exact.matrix import matrix, multiply
 from dobc_design.exact.peaks import peak_gains

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lure_cases import PAPER, cycle, field, identity, random_problem
 
-from dobc_design.conditions.boxes.claim import Boxes, Shell, build_forms, energy_bounds, first_box, upper_bounds
+from dobc_design.conditions.boxes.decide import Boxes, Shell, build_forms, energy_bounds, first_box, upper_bounds
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float

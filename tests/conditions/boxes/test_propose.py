@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, is_proved, random_problem, values_along
 
-from dobc_design.conditions.boxes.claim import Shell
-from dobc_design.conditions.boxes.decide import verify_shell
-from dobc_design.conditions.boxes.propose import grow_shell
+from dobc_design.conditions.boxes.decide import Shell, verify_shell
+from dobc_design.conditions.boxes.stage import grow_shell
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import border_of, covered_radius
 from dobc_design.conditions.quadratic.propose import design_lure

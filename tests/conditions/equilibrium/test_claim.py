@@ -10,8 +10,7 @@ import pytest
 from equilibrium_cases import listening_pair, random_folded
 from lure_cases import field
 
-from dobc_design.conditions.equilibrium.claim import Equilibrium, field_at, slopes_on
-from dobc_design.conditions.equilibrium.decide import verify_equilibrium
+from dobc_design.conditions.equilibrium.decide import Equilibrium, field_at, slopes_on, verify_equilibrium
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 

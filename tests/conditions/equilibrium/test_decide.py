@@ -17,12 +17,14 @@ from lure_cases import HARMONIC, PAPER_GAIN, field, random_problem
 from scipy.optimize import fsolve
 
 from dobc_design.conditions.check import Check, Values, Witness, check_from_json
-from dobc_design.conditions.equilibrium.claim import Equilibrium, field_at, slopes_on
 from dobc_design.conditions.equilibrium.decide import (
+    Equilibrium,
     enclose_equilibrium,
+    field_at,
     krawczyk_holds,
     lies_in_region,
     refuting_check,
+    slopes_on,
     verify_equilibrium,
 )
 from dobc_design.exact.interval import Interval

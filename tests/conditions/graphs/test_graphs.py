@@ -13,8 +13,7 @@ from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import verify_twice
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.graphs.decide import closed_classes, why_not
-from dobc_design.conditions.graphs.propose import mean_claim, square_claim
-from dobc_design.conditions.graphs.stage import markov_stage
+from dobc_design.conditions.graphs.stage import markov_stage, mean_claim, square_claim
 from dobc_design.errors import SpecError
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.network import Network

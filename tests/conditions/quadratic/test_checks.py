@@ -16,7 +16,7 @@ from lure_cases import HARMONIC, PAPER, PAPER_GAIN, identity, is_proved
 
 from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.boxes.decide import exhaustive_check
-from dobc_design.conditions.boxes.propose import grow_shell
+from dobc_design.conditions.boxes.stage import grow_shell
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import covers
 from dobc_design.conditions.quadratic.claim import Lure

@@ -19,10 +19,8 @@ from dobc_design.checker.examine import examine
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.weighted import decide
-from dobc_design.conditions.weighted.claim import Weighted
-from dobc_design.conditions.weighted.decide import confirm, holds, rows_hold
-from dobc_design.conditions.weighted.propose import proposals
-from dobc_design.conditions.weighted.stage import weighted_stage
+from dobc_design.conditions.weighted.decide import Weighted, confirm, holds, rows_hold
+from dobc_design.conditions.weighted.propose import proposals, weighted_stage
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import harmonics

@@ -53,7 +53,8 @@ class Chords:
         before = asked(point[None], now)[0]
         for _ in range(MOST_HALVINGS):
             after = now + Fraction(f"{self.step:.4g}")
-            after = after if until is None or after < until else until
+            if until is not None and after + (after - now) > until:  # no sliver is left over
+                after = until if after >= until else now + (until - now) / 2
             length, found = float(after - now), self._end(point, before, now, after, asked)
             bent = math.inf
             if found is not None:
@@ -103,9 +104,23 @@ TRIED: Final = (
     (0.87, 0.0002, 0.0001),
     (0.8, 0.0005, 0.0003),
     (0.65, 0.002, 0.001),
+    (0.5, 0.005, 0.005),
     (0.4, 0.01, 0.01),
+    (0.25, 0.02, 0.02),
     (0.15, 0.05, 0.05),
     (0.04, 0.2, 0.2),
+)
+#: The same where couplings are not linear: rows with little room take the second program long.
+TRIED_CURVED: Final = (
+    (0.94, 0.002, 0.001),
+    (0.87, 0.002, 0.001),
+    (0.8, 0.005, 0.003),
+    (0.65, 0.01, 0.01),
+    (0.5, 0.02, 0.02),
+    (0.4, 0.03, 0.03),
+    (0.25, 0.05, 0.05),
+    (0.15, 0.05, 0.05),
+    (0.04, 0.1, 0.1),
 )
 ROOM: Final = 0.998  # of a rate, that is claimed
 ENDS: Final = 24  # parts of the times at which a phase may end
@@ -162,7 +177,7 @@ def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: 
     top = 0.0 if linear is None else linear.estimate(problem.n)
     if linear is None or not top > 0:
         return
-    for part, slack, bend in TRIED:
+    for part, slack, bend in TRIED if rho is None else TRIED_CURVED:
         most = top if error is None else min(top, float(error.beta))
         rate, faster = part * most, (1 + part) / 2 * most
         flows = [
@@ -272,7 +287,7 @@ def _claim(
         way = flow.way(start, rate)
         if way is None:
             return None
-        v = tuple(tuple(Fraction(f"{x * (1 + 1e-8):.9g}") for x in point.tolist()) for _, point in way)
+        v = tuple(tuple(Fraction(f"{x * (1 + 1e-10):.11g}") for x in point.tolist()) for _, point in way)
         phases.append(Weights(times=tuple(t for t, _ in way), v=v))
     claimed = Fraction(f"{rate * ROOM:.6g}")
     if error is not None:

@@ -190,7 +190,7 @@ class MovingRows:
         chunk, failed = max(1, TOGETHER // max(1, len(self.layout.rows))), list[Any]()
         for k in range(0, len(parts[0]), chunk):
             segments, first, width = (each[k : k + chunk] for each in parts)
-            spend(len(segments) * len(self.layout.rows))
+            spend(1 + len(segments) * len(self.layout.rows) // 10)
             cuts = (first, first + width)
             ends = [boxes[segments].between(boxes[segments + 1], part) for part in cuts]
             loads = [up(up(load[segments] * (1 - part)) + up(load[segments + 1] * part)) for part in cuts]

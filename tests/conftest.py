@@ -1,7 +1,5 @@
 """How many examples Hypothesis draws, that CI draws the same ones every time, and signals for child processes."""
 
-from __future__ import annotations
-
 import json
 import os
 from random import Random
@@ -15,9 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from hypothesis import settings
 
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design import Exosystem, Network, Problem
 
 # No deadline: a first call may import a large package, which is slow and not a defect.
 settings.register_profile("fast", max_examples=50, deadline=None)

@@ -1,7 +1,5 @@
 """constraints.txt is a set that pyproject.toml allows, of every package that it names, on every Python."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -7,8 +7,6 @@ saved under that name; other ones only have to be TOML. What a ``text`` block sh
 its page, whatever the line breaks.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import io

@@ -1,7 +1,5 @@
 """The notes of record name things that exist, and links inside the handbook lead to a page and to a heading of it."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re
@@ -9,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from dobc_design import Verdict, certify
 from dobc_design.certificate import text
-from dobc_design.certification.certify import certify
 from dobc_design.checker import quadratic, reading
 from dobc_design.cli.main import main
 from dobc_design.conditions import numbers
@@ -19,7 +17,6 @@ from dobc_design.coupling import expression, parser, tree
 from dobc_design.exact import number
 from dobc_design.problem import arcs_file, load
 from dobc_design.problem.schema import json_schema
-from dobc_design.verdict import Verdict
 
 ROOT = Path(__file__).resolve().parents[1]
 _MADE = ("command-line", "commands-design", "commands-prepare", "conditions")

@@ -1,7 +1,5 @@
 """The pages of the handbook as the theme writes them: controls have names once ``docs/_ext/accessible.py`` ran."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

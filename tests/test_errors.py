@@ -49,10 +49,16 @@ def test_every_kind_has_its_own_word():
     assert len(kinds) == len(set(kinds)) == 6
 
 
-def test_a_single_error_lists_itself():
+def test_one_error_lists_itself_and_several_of_none_are_refused():
     """Architecture, floor 0: .errors lists them; default (self,)."""
     error = SpecError("wrong")
     assert error.errors == (error,)
+    # Nothing to join: class and key stay.
+    error = ShapeError("C is wrong", key="C")
+    assert SpecError.several([error]) is error
+    # There is nothing to raise.
+    with pytest.raises(ValueError, match="at least one error"):
+        SpecError.several([])
 
 
 def test_several_errors_show_each_on_its_own_line():
@@ -61,18 +67,6 @@ def test_several_errors_show_each_on_its_own_line():
     joined = SpecError.several([first, SpecError.several([second, first])])
     assert joined.errors == (first, second, first)
     assert str(joined).splitlines() == ["a is wrong; mend a", "C is wrong", "a is wrong; mend a"]
-
-
-def test_several_of_one_is_that_one():
-    """Nothing to join: class and key stay."""
-    error = ShapeError("C is wrong", key="C")
-    assert SpecError.several([error]) is error
-
-
-def test_several_of_none_is_refused():
-    """There is nothing to raise."""
-    with pytest.raises(ValueError, match="at least one error"):
-        SpecError.several([])
 
 
 def test_errors_survive_pickling():

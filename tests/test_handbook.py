@@ -1,7 +1,5 @@
 """The handbook in a browser, built without running the notebooks: no page is too long, and nothing is cut off."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import os

@@ -3,8 +3,6 @@
 `import control` and `import cvxpy` alone cost about a second each; a first look should not.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -40,13 +38,7 @@ def heavy_packages_after(script: str) -> list[str]:
     return json.loads(run(script + REPORT).stderr)
 
 
-def test_importing_the_package_loads_no_heavy_package():
+def test_neither_importing_nor_asking_for_help_loads_a_heavy_package():
     assert heavy_packages_after("import dobc_design") == []
-
-
-def test_asking_for_help_loads_no_heavy_package():
     assert heavy_packages_after(HELP) == []
-
-
-def test_a_heavy_package_would_be_noticed():
     assert heavy_packages_after("import sympy") == ["sympy"]

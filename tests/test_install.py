@@ -1,7 +1,5 @@
 """The wheel and the sdist, built from what the package consists of and tried where nothing of the checkout is seen."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The notebooks run from a clean kernel, use public names only, and are stored without outputs, as jupytext likes."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

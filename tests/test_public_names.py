@@ -1,7 +1,5 @@
 """The public names: a contract with users, so a change here needs a changelog entry."""
 
-from __future__ import annotations
-
 import doctest
 import inspect
 import re

@@ -16,10 +16,17 @@ def test_a_verdict_has_no_truth_value(verdict):
         _ = not verdict
 
 
-def test_the_values_are_the_words_of_the_contract():
+def test_a_verdict_equals_its_word_of_the_contract_and_no_other_text():
     """Contract: verdict is proved, refuted or undecided."""
     assert [verdict.value for verdict in Verdict] == ["proved", "refuted", "undecided"]
     assert str(PROVED) == "proved"
+    assert PROVED == "proved"
+    assert PROVED != "refuted"
+    assert {"proved": 1}[PROVED] == {PROVED: 1}["proved"] == 1
+    assert PROVED != 3
+    for slip in ("Proved", "PROVED", "yes", ""):
+        with pytest.raises(ValueError, match='"proved", "refuted" or "undecided"'):
+            _ = slip == PROVED
 
 
 @pytest.mark.parametrize(
@@ -35,13 +42,3 @@ def test_the_values_are_the_words_of_the_contract():
 def test_one_refuted_refutes_all_and_one_undecided_spoils_a_proof(verdicts, together):
     """Conjunction of Kleene's three-valued logic; of nothing it is true."""
     assert Verdict.all_of(iter(verdicts)) is together
-
-
-def test_a_verdict_equals_its_word_and_no_other_text_is_silently_different():
-    assert PROVED == "proved"
-    assert PROVED != "refuted"
-    assert {"proved": 1}[PROVED] == {PROVED: 1}["proved"] == 1
-    assert PROVED != 3
-    for slip in ("Proved", "PROVED", "yes", ""):
-        with pytest.raises(ValueError, match='"proved", "refuted" or "undecided"'):
-            _ = slip == PROVED

@@ -3,8 +3,6 @@
 The unit is one product of the n x n matrix of the arcs (CSR) with a vector, measured in the same run.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -20,9 +18,8 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 from simulation import cpu
 
+from dobc_design import Check, Exosystem, Network, Observer, Problem, Region, Switching, certify
 from dobc_design.certification import recheck
-from dobc_design.certification.certify import certify
-from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import shown_bound
@@ -34,11 +31,6 @@ from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_r
 from dobc_design.conditions.separable.propose import design_separable, first_certificate
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.exact.zmatrix import float_rows
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region, Switching
 
 SIZE = 100_000
 GROWTH = (1000, 10_000, 100_000)
@@ -290,11 +282,16 @@ def _lambda_row(kind: str, n: int) -> str:
     )
 
 
-def _whole_way(kind: str, n: int) -> str:
+def _fresh(script: str, **values: Any) -> str:
+    """What a fresh process prints that runs the script with these values."""
     here = Path(__file__).resolve().parent
-    script = WHOLE.format(folders=[str(here), str(here.parent / "support")], kind=kind, n=n)
-    answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    verdict, covered_by, holds, first, second, peak = answer.stdout.split()
+    text = script.format(folders=[str(here), str(here.parent / "support")], **values)
+    return subprocess.run([sys.executable, "-c", text], check=True, capture_output=True, text=True).stdout
+
+
+def _whole_way(kind: str, n: int) -> str:
+    answer = _fresh(WHOLE, kind=kind, n=n)
+    verdict, covered_by, holds, first, second, peak = answer.split()
     said = f"{verdict} by {covered_by}, re-checked: {holds}"
     return f"{float(first):>7.1f} s {float(second):>6.1f} s {int(peak) / 2**30:>5.2f} GiB  {said}"
 
@@ -314,10 +311,8 @@ def weighted_rows() -> Iterator[str]:
 
 
 def _alone(kind: str, n: int, what: str) -> dict[str, float]:
-    here = Path(__file__).resolve().parent
-    script = ALONE.format(folders=[str(here), str(here.parent / "support")], kind=kind, n=n, what=what)
-    answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    found: dict[str, float] = json.loads(answer.stdout)
+    answer = _fresh(ALONE, kind=kind, n=n, what=what)
+    found: dict[str, float] = json.loads(answer)
     return found
 
 
@@ -327,10 +322,8 @@ def guaranteed_rows() -> Iterator[str]:
     first: dict[str, float] = {}
     for n in IN_TURN:
         arcs = sum(len(mode.listeners) for mode in in_turn(n).network.modes.values())
-        here = Path(__file__).resolve().parent
-        script = GUARANTEED.format(folders=[str(here), str(here.parent / "support")], n=n)
-        answer = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-        own: dict[str, Any] = json.loads(answer.stdout)
+        answer = _fresh(GUARANTEED, n=n)
+        own: dict[str, Any] = json.loads(answer)
         first = first or {"time": own["seconds"] / arcs, "memory": own["more"] / arcs}
         yield (
             f"{n:>6} {arcs:>7} {own['seconds']:>8.1f} {1e6 * own['seconds'] / arcs:>7.1f}"

@@ -4,8 +4,6 @@
 at its word: this is what the tool gives, no proof.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 from typing import Any

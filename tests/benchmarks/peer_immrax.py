@@ -6,8 +6,6 @@ trajectory of the embedding system shrinks to a hundredth of it.  Both in double
 the second by Runge-Kutta steps: no proofs.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import sys

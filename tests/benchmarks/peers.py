@@ -7,8 +7,6 @@ processes of their own: by the Python that runs this, or where PEERS_PYTHON name
 so.  dReal is not run: its radii are quoted.  `docs/comparison.md` holds these tables as they are printed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -22,11 +20,8 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from dobc_design.certification.certify import certify
-from dobc_design.conditions.check import Check
+from dobc_design import Check, Network, Problem, certify
 from dobc_design.conditions.kinds import ids_of
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 COUPLINGS = ("exp(y) - 1 + y", "y + y**3")
 SIZES = (2, 3, 4, 6, 10)

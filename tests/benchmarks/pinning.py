@@ -1,7 +1,5 @@
 """Rows of `make bench` on pinning gains: the closed form against the semidefinite program, and a large network."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator
 from random import Random
@@ -12,6 +10,7 @@ import numpy as np
 from simulation import cpu
 
 import dobc_design as dd
+from dobc_design import Network, Problem
 from dobc_design.conditions.consensus.pinning import (
     for_rate,
     network_blocks,
@@ -19,8 +18,6 @@ from dobc_design.conditions.consensus.pinning import (
     solve_program,
     solve_shared,
 )
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 RATE = 0.1
 LARGE = 100_000

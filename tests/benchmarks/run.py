@@ -3,9 +3,6 @@
 A bar that is missed says BELOW (or ABOVE, where it is a ceiling).  Timings are never asserted in tests.
 """
 
-from __future__ import annotations
-
-import gc
 import os
 import resource
 import statistics
@@ -27,25 +24,16 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
 from large import falling_rows, guaranteed_rows, lambda_rows, large_rows, weighted_rows, whole_bars
-from old_interval import OldInterval
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
 from reduced import solve_reduced
 from simulation import simulation_bars, simulation_growth
 
-from dobc_design.certification.certify import certify
+from dobc_design import Exosystem, Network, Problem, certify
 from dobc_design.conditions.consensus.claim import reduced, state_theorems
-from dobc_design.coupling import enclosures
-from dobc_design.coupling.tree import Jet, run
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
-from dobc_design.exact.floats import Floats
-from dobc_design.exact.interval import float_values
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.exact.zmatrix import search
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_dense, solve_directly
 from dobc_design.solvers.program import Program, Solution
 
@@ -108,8 +96,6 @@ def bars() -> Iterator[Bar]:
     yield against_elimination(f"{paths} factor with integer rest, n = 100 dense", gram(100), by_integer_rest, bar=50)
     yield against_elimination(f"{paths} factor with integer rest, n = 200 dense", gram(200), by_integer_rest, bar=100)
     yield against_elimination(f"{paths} vector v > 0, n = 1000 ring, 200 chords", ring(1000), by_vector, bar=100)
-    for name in ("karate-club", "microgrid-ieee14"):
-        yield interval_bar(name)
     yield help_bar("dobc --help vs python -c 'import numpy'")
     for row in chain(pinning_bars(), simulation_bars()):
         yield Bar(**row)
@@ -186,44 +172,6 @@ def ring(n: int, *, chord: int = 5) -> SparseSymmetric:
             entries[i, i] += 2
             entries[j, j] += 2
     return SparseSymmetric(n, entries)
-
-
-def interval_bar(name: str) -> Bar:
-    """The coupling on all intervals of floats that `certify` evaluates it on: in floats, and in the old rationals."""
-    calls: list[tuple[Any, Floats]] = []
-
-    def noted(steps: Any, variables: Any) -> Any:
-        Y = getattr(variables[0], "value", variables[0])
-        if isinstance(Y, Floats):
-            calls.append((steps, variables[0]))
-        return run(steps, variables)
-
-    enclosures.run = noted
-    certify(load_problem(name))
-    enclosures.run = run
-
-    def again(brought: Callable[[Any], Any]) -> float:
-        given = [(steps, (brought(x),)) for steps, x in calls]
-        float_values.cache_clear()
-        gc.collect()
-        gc.disable()  # a full collection takes as long as all evaluations in floats
-        start = time.process_time()
-        for steps, variables in given:
-            run(steps, variables)
-        spent = time.process_time() - start
-        gc.enable()
-        return spent
-
-    def exact(x: Any) -> Any:
-        return x._replace(value=exact(x.value)) if isinstance(x, Jet) else OldInterval(x.lo, x.hi)
-
-    # In turns, so that a busy machine slows down both.
-    slow, fast = (
-        statistics.median(column)
-        for column in zip(*((again(exact), again(lambda x: x)) for _ in range(7)), strict=True)
-    )
-    note = f"{len(calls)} evaluations: {slow:.3g} s / {fast:.3g} s"
-    return Bar(what=f"interval arithmetic of certify {name}, Fractions vs floats", bar=10, ratio=slow / fast, note=note)
 
 
 def help_bar(what: str) -> Bar:

@@ -1,7 +1,5 @@
 """Rows of `make bench` on simulation.  Ratios of CPU times from one run; the peak memory of a fresh process."""
 
-from __future__ import annotations
-
 import statistics
 import subprocess
 import sys
@@ -13,14 +11,9 @@ import numpy as np
 import scipy.sparse as sp
 from loops import simulate, simulate_many
 
+from dobc_design import Exosystem, Network, Observer, Problem, Stress, load_problem
 from dobc_design.problem.arrays import arc_groups
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.field import make_loop, network_of
-from dobc_design.simulation.setting import Stress
 from dobc_design.simulation.signals import RandomDwell
 
 DEGREE = 6

@@ -1,7 +1,5 @@
 """Certified bounds of |e(t)|_inf beside simulated runs: worked out by hand, never crossed, and only where they hold."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from fractions import Fraction
@@ -10,18 +8,13 @@ import numpy as np
 import pytest
 
 import dobc_design as dd
+from dobc_design import Certificate, Exosystem, Network, Observer, Problem, Verdict
 from dobc_design.certificate.bounds import certified_bound, keeps_guarantee
-from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.errors import CertificateError, SpecError
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.report.pictures import error_picture, svg_of
-from dobc_design.verdict import Verdict
 
 
 def ring(*, disturbed: bool = True, n: int = 3, **settings) -> Problem:

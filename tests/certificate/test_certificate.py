@@ -1,7 +1,5 @@
 """The certificate as an object, shown safely; files: the old one or the new one, never a part."""
 
-from __future__ import annotations
-
 import os
 import stat
 from fractions import Fraction
@@ -9,14 +7,11 @@ from fractions import Fraction
 import pytest
 from certified import certified
 
+from dobc_design import Network, Problem, Verdict, certify, verify
 from dobc_design.certificate.files import make_folder, write_atomically
 from dobc_design.certificate.text import read_claims
-from dobc_design.certification.certify import certify, verify
 from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import problem_from_canonical
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 
 def test_saved_files_are_enough_to_check_it_again(tmp_path):
@@ -98,13 +93,10 @@ def test_a_write_replaces_the_whole_file_and_can_be_read_by_others(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["certificate.json"]
 
 
-def test_a_folder_that_is_not_there_is_an_error_with_a_cure(tmp_path):
+def test_folders_are_made_with_their_parents_and_what_cannot_be_is_an_error_with_a_cure(tmp_path):
     with pytest.raises(CertificateError, match="cannot be written") as caught:
         write_atomically(tmp_path / "absent" / "certificate.json", b"x")
     assert "--out" in caught.value.cure
-
-
-def test_folders_are_made_with_their_parents(tmp_path):
     assert make_folder(tmp_path / "a" / "b").is_dir()
     assert make_folder(tmp_path / "a" / "b").is_dir()
     (tmp_path / "file").write_text("x")

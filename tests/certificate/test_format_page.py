@@ -1,7 +1,5 @@
 """The pages of the certificate's format: the certificate made by hand, and lines that fit on a page."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

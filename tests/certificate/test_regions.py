@@ -3,8 +3,6 @@
 The claims are made by hand, so that the expected numbers are those of a pencil and a sheet of paper.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
@@ -13,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from dobc_design.certificate.certificate import Certificate
+from dobc_design import Certificate, Exosystem, Network, Observer, Problem, Region, Verdict
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.regions import RegionClaim, Regions
 from dobc_design.conditions.boxes.decide import Shell
@@ -22,12 +20,6 @@ from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.errors import CertificateError
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region
-from dobc_design.verdict import Verdict
 
 
 def chain(n: int = 2, **changes: Any) -> Problem:
@@ -88,13 +80,10 @@ def test_a_ball_holds_a_box_that_is_smaller_by_the_root_of_its_dimension():
     assert (claim.kind, claim.box, claim.ball, claim.variant) == ("ball", 1.0, 2.0, "P_e = c I")
 
 
-def test_the_box_in_a_ball_is_rounded_down_by_less_than_one_digit():
+def test_a_box_holds_the_ball_of_its_radius_and_the_box_in_a_ball_is_rounded_down():
     claim = only(regions(chain(2), lure(radius=1.0, P_e=[[0, 0, "1"], [1, 1, "1"]])))
     assert claim.box is not None
     assert 2 * claimed(claim.box) ** 2 <= 1 < 2 * (claimed(claim.box) + Fraction(1, 10**6)) ** 2
-
-
-def test_a_box_holds_the_ball_of_the_same_radius():
     claim = only(regions(chain(), max_separable(radius=0.75)))
     assert (claim.kind, claim.box, claim.ball) == ("box", 0.75, 0.75)
 
@@ -170,11 +159,17 @@ def test_the_reason_for_a_limit_names_a_coupling_that_falls():
     assert only(regions(rising, max_separable())).limit == "The box stops there."
 
 
-def test_a_local_proof_has_no_radius_and_says_so():
+def test_a_local_proof_has_no_radius_and_one_for_every_start_needs_none():
     check = Check(id="lemma1", mode="G", verdict=Verdict.PROVED, domain="consensus", rate=0.1, reason="yes.")
     claim = only(regions(chain(), check))
     assert (claim.kind, claim.box, claim.time) == ("near", None, None)
     assert "states no radius" in claim.limit
+    linear = chain(coupling="2*y", region=asking([0, 2]))
+    everywhere = dataclasses.replace(max_separable(rho=None), domain="global")
+    claim = only(regions(linear, everywhere))
+    assert (claim.kind, claim.box, claim.covers, claim.limit) == ("everywhere", None, True, "")
+    assert claim.time is not None
+    assert 2 * math.exp(-0.5 * claim.time) <= 0.01
 
 
 def test_lemma_1_of_several_modes_is_one_row_of_the_slowest_or_of_the_one_that_fails():
@@ -196,15 +191,6 @@ def test_with_a_disturbance_lemma_1_and_the_printed_matrix_are_left_to_the_list_
     assert [claim.id for claim in found.claims] == ["theorem1"]
     assert not found.tried
     assert not found.sized
-
-
-def test_a_proof_for_every_start_needs_no_radius():
-    linear = chain(coupling="2*y", region=asking([0, 2]))
-    everywhere = dataclasses.replace(max_separable(rho=None), domain="global")
-    claim = only(regions(linear, everywhere))
-    assert (claim.kind, claim.box, claim.covers, claim.limit) == ("everywhere", None, True, "")
-    assert claim.time is not None
-    assert 2 * math.exp(-0.5 * claim.time) <= 0.01
 
 
 @pytest.mark.parametrize(

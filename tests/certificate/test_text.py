@@ -1,7 +1,5 @@
 """certificate.json: the same claims there and back, and one kind of error for everything that is none."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from fractions import Fraction
@@ -12,6 +10,7 @@ import pytest
 from campaigns import a_problem
 from certified import certified
 
+from dobc_design import Exosystem, Network, Observer, Problem, Verdict, certify, verify
 from dobc_design.certificate.text import (
     LONGEST_COEFFICIENT,
     certificate_bytes,
@@ -19,7 +18,6 @@ from dobc_design.certificate.text import (
     read_claims,
     writable,
 )
-from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Fix, Values, Witness, number_or_none
@@ -28,11 +26,6 @@ from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import identity, multiply, scale, solve_lyapunov
 from dobc_design.exact.number import number_text
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 
 @pytest.fixture(scope="module")

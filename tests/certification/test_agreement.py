@@ -1,7 +1,5 @@
 """``certify`` writes what the second program confirms: known defects by their problems, and programs that disagree."""
 
-from __future__ import annotations
-
 import json
 import random
 from dataclasses import replace
@@ -12,16 +10,14 @@ import pytest
 from linked import linked
 
 import dobc_design.certification.recheck as rechecks
+from dobc_design import Exosystem, Verdict, certify, verify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify, verify
 from dobc_design.checker import files
 from dobc_design.checker.examine import Refused, examine
 from dobc_design.conditions.check import Values, Witness
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import find_in_nullspace
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.verdict import Verdict
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 CONSTANT = Exosystem(A=[[0]], C=[[1]])

@@ -1,7 +1,5 @@
 """The stages together: verdicts against the truth seen from outside, and what the verbs accept."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 
@@ -13,17 +11,13 @@ from exact_oracle import Oracle
 from linked import linked
 from regions import without_region
 
-from dobc_design.certification.certify import certify, verify
+from dobc_design import Exosystem, Observer, Verdict, certify, load_problem, verify
 from dobc_design.conditions.consensus.claim import Pair, PairFacts
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.consensus.propose import Top
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.exact.matrix import matrix, multiply, scale
 from dobc_design.exact.number import number_text
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.verdict import Verdict
 
 
 def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():

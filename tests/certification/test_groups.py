@@ -1,7 +1,5 @@
 """Lemma 1 and the theorems where agents have different exosystems: known answers, and the whole Psi."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
@@ -11,7 +9,7 @@ from exact_oracle import negative_definite
 from groups_oracle import GroupsOracle
 from linked import linked
 
-from dobc_design.certification.certify import certify, verify
+from dobc_design import Exosystem, Problem, Verdict, certify, verify
 from dobc_design.certification.recheck import expected_checks
 from dobc_design.conditions.check import Values
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
@@ -20,10 +18,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.exact.matrix import multiply, scale
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, block_diagonal
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 OSCILLATOR, CONSTANT = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), Exosystem(A=[[0]], C=[[1]])
 PRINTED = Observer(W=[["16/5"], ["12/5"]], P=[["1/2", "-1/4"], ["-1/4", "1/3"]])  # S = 9/8
@@ -62,7 +57,15 @@ def test_the_printed_p_of_every_group_has_to_suit_the_gains_of_its_own_agents(fi
     assert verify(certificate, problem).holds
 
 
-def test_s_of_all_groups_stands_in_the_certificate_side_by_side():
+def test_psi_and_s_of_groups_are_those_of_the_whole_matrix():
+    problem = two(1, 1, swapped=True)
+    (pencil,) = state_theorems(problem).psi(rate=Fraction(1, 3))
+    values = {"P[1]": HALF.P, "Q[1]": ((Fraction(1),),), "P[2]": PRINTED.P, "Q[2]": ((Fraction(1),), (Fraction(0),))}
+    P = block_diagonal([HALF.P or (), PRINTED.P or ()])
+    Q = block_diagonal([((Fraction(1),),), ((Fraction(1),), (Fraction(0),))])
+    own = pencil.at({name: value or () for name, value in values.items()}).to_dense()
+    assert GroupsOracle(problem).lambda_("G") == [[-2, 0], [0, -2]]
+    assert [list(row) for row in own] == whole_psi(problem, Pair(P=P, Q=Q), rate=Fraction(1, 3))
     exact = certify(two(1, 1)).check("theorem1-printed").exact
     assert exact["S"] == [["9/8", "0"], ["0", "1/2"]]
     assert "bound" not in exact
@@ -92,17 +95,6 @@ def test_psi_of_groups_is_decided_as_the_whole_matrix_is(rate):
         assert psi_is_negative(statements, exosystem, pair, rate=rate) is outcomes[-1]
     assert outcomes == sorted(outcomes)
     assert set(outcomes) == {True, False}
-
-
-def test_psi_of_groups_as_a_pencil_is_the_whole_matrix():
-    problem = two(1, 1, swapped=True)
-    (pencil,) = state_theorems(problem).psi(rate=Fraction(1, 3))
-    values = {"P[1]": HALF.P, "Q[1]": ((Fraction(1),),), "P[2]": PRINTED.P, "Q[2]": ((Fraction(1),), (Fraction(0),))}
-    P = block_diagonal([HALF.P or (), PRINTED.P or ()])
-    Q = block_diagonal([((Fraction(1),),), ((Fraction(1),), (Fraction(0),))])
-    own = pencil.at({name: value or () for name, value in values.items()}).to_dense()
-    assert GroupsOracle(problem).lambda_("G") == [[-2, 0], [0, -2]]
-    assert [list(row) for row in own] == whole_psi(problem, Pair(P=P, Q=Q), rate=Fraction(1, 3))
 
 
 def test_each_group_has_checks_of_its_own_and_the_slowest_gives_the_rate():

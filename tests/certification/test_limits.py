@@ -3,8 +3,6 @@
 Measured in a child process; the bounds are several times what is needed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The overall verdict, by the rules of the contract ("Overall verdict"), with and without a region."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 
@@ -9,14 +7,10 @@ import pytest
 from linked import linked
 from regions import at_the_consensus
 
-from dobc_design.certification.certify import certify, verify
+from dobc_design import Check, Exosystem, Observer, Verdict, certify, verify
 from dobc_design.certification.overall import decide_overall
-from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.coverage import asked_radius, covers
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.verdict import Verdict
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 PAIR = [[1, 2], [2, 1]]
@@ -156,7 +150,7 @@ def test_agents_out_of_reach_refute_a_region_only_if_it_lets_them_start_apart():
     assert verdict(gains=None, offsets={2: "1/2"}, region=region(0, 1)) is REFUTED
 
 
-def test_a_given_gain_with_an_error_that_reaches_the_agents_and_does_not_decay_refutes():
+def test_a_given_gain_refutes_where_its_error_reaches_the_agents_and_a_designed_one_never():
     """The second state is hidden from C and grows; with W = (1, 0) the visible error decays."""
     for w, answer in ((-1, REFUTED), (0, REFUTED), (1, PROVED)):
         assert verdict(exosystem=CONSTANT, observer=Observer(W=[[w]])) is answer
@@ -164,17 +158,11 @@ def test_a_given_gain_with_an_error_that_reaches_the_agents_and_does_not_decay_r
     good, bad = Observer(W=[[1], [0]]), Observer(W=[[-1], [0]])
     assert verdict(exosystem=exosystem, observer=good) is UNDECIDED
     assert verdict(exosystem=exosystem, observer=bad) is REFUTED
-
-
-def test_an_error_that_starts_at_zero_refutes_nothing():
-    """initial_disturbance = 0: xihat(0) = xi(0) is known."""
+    # initial_disturbance = 0: xihat(0) = xi(0) is known.
     bad = {"exosystem": CONSTANT, "observer": Observer(W=[[-1]])}
     assert verdict(**bad, region=region(0, 5, 0)) is UNDECIDED
     assert verdict(**bad, region=region(0, 5, "1/1000")) is REFUTED
-
-
-def test_a_designed_gain_that_fails_says_nothing_against_the_problem():
-    """Only the W of the problem refutes: another one can be designed."""
+    # Only the W of the problem refutes: another one can be designed.
     bad = ((Fraction(-1),),)
     assert decide_overall(problem(h="abs(y)", exosystem=CONSTANT), [], bad).verdict is UNDECIDED
     given = problem(h="abs(y)", exosystem=CONSTANT, observer=Observer(W=[[-1]]))

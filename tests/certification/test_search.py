@@ -1,7 +1,5 @@
 """Search beside a certificate: suspects refute nothing, proved equilibria do, certified sets are never contradicted."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache
@@ -12,8 +10,8 @@ from linked import linked
 from matplotlib.figure import Figure
 
 import dobc_design as dd
+from dobc_design import Check, Verdict
 from dobc_design.certification.search import Searched, search_certificate
-from dobc_design.conditions.check import Check
 from dobc_design.falsification.suspect import RESTS, STAYS_AWAY
 from dobc_design.report.document import Text
 from dobc_design.report.figures import plot_search
@@ -25,7 +23,6 @@ from dobc_design.report.region_words import (
     search_sections,
     suspects_table,
 )
-from dobc_design.verdict import Verdict
 
 RUNS, pytestmark = 24, pytest.mark.slow  # one search of a few seconds serves most of them
 

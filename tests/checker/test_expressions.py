@@ -1,7 +1,5 @@
 """The lone checker's reader of couplings: slopes at 0 are exact or enclosed, and intervals are rounded outward."""
 
-from __future__ import annotations
-
 import random
 from fractions import Fraction
 
@@ -10,13 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dobc_design import Network, Problem
 from dobc_design.checker import intervals
 from dobc_design.checker.expressions import FUNCTIONS, SMOOTH, Expression, applied, read_coupling, variables
 from dobc_design.checker.intervals import ONE, Exact
 from dobc_design.checker.reading import Refused
 from dobc_design.checker.separable import Curve
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 DERIVATIVES = {
     "exp": (mpmath.exp, mpmath.exp),

@@ -1,7 +1,5 @@
 """The lone checker's part about regions: accepts what is proved, refuses what just fails; random problems."""
 
-from __future__ import annotations
-
 import json
 import math
 import random
@@ -11,16 +9,15 @@ from fractions import Fraction
 from types import SimpleNamespace
 
 import mpmath
-import numpy as np
 import pytest
-from checker_cases import FAILS, HOLDS, misjudged, outcome
+from checker_cases import FAILS, HOLDS, outcome
 from exact_oracle import Oracle
-from known_regions import equilibria, equilibrium_campaign, linear_campaign, linear_problem
+from known_regions import equilibrium_campaign, linear_campaign
 from region_campaigns import change_region, region_mutant_campaign, region_problem, region_recheck_campaign
-from region_cases import BENT, PAIR, SINE, certificate, changed, claim, doubles, problems, region_cases
+from region_cases import BENT, PAIR, SINE, certificate, changed, claim, doubles, problems
 
+from dobc_design import Network, Problem, certify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.checker import files, separable
@@ -28,15 +25,6 @@ from dobc_design.checker.expressions import read_coupling
 from dobc_design.checker.intervals import added
 from dobc_design.checker.separable import Curve, mean_slope, supremum
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-
-
-def test_every_case_gets_its_exit_code():
-    """Claims whose truth is known, and twins that just fail in one place each."""
-    assert misjudged(region_cases()) == []
-    assert sum(case.code == HOLDS for case in region_cases()) > 25
-    assert sum(case.code == FAILS for case in region_cases()) > 100
 
 
 # --- Known answers: the largest alpha by closed forms and by sampling the rows --------------------------------------
@@ -91,12 +79,15 @@ def test_two_agents_that_hear_each_other_keep_their_alpha_to_nine_digits():
 
 
 # --- Parts ----------------------------------------------------------------------------------------------------------
-def test_a_maximum_on_the_edge_of_two_cells_counts():
+def test_a_maximum_on_the_edge_of_two_cells_counts_and_a_slope_that_touches_0():
     """2 y - y^2 on [-s, 2 s] is 1 from s = 1/2 on, and less at both ends."""
     curve = Curve(read_coupling(("1 - (1 - y)**2",), 1), False, -1.0, 2.0)
     assert [(cell.hi, cell.way) for cell in curve.table][-2:] == [(1.0, 1), (2.0, -1)]
     bound = supremum(curve, (1.0, 1.0), (2.0, 2.0), 0.75, 1.0)
     assert all(1 <= bound.at(s) < 1 + 1e-9 for s in (0.75, 0.8, 1.0))
+    # h' = 1 - sin(y) >= 0, since sin(y) <= 1.
+    curve = Curve(read_coupling(("cos(y) - 1 + y",), 1), False, -7.0, 7.0)
+    assert {cell.way for cell in curve.table} == {1}
 
 
 def test_slopes_of_a_coupling_that_also_falls_are_taken_from_the_whole_interval():
@@ -106,12 +97,6 @@ def test_slopes_of_a_coupling_that_also_falls_are_taken_from_the_whole_interval(
     for closely in (False, True):
         mean = mean_slope(Curve(read_coupling((h,), 1), False, -2.0, 2.0), 1.0, (1, 1, 1), closely)
         assert steepest <= mean < (1.001 if closely else 3) * steepest
-
-
-def test_a_slope_that_touches_0_is_known_not_to_be_negative():
-    """h' = 1 - sin(y) >= 0, since sin(y) <= 1."""
-    curve = Curve(read_coupling(("cos(y) - 1 + y",), 1), False, -7.0, 7.0)
-    assert {cell.way for cell in curve.table} == {1}
 
 
 def test_forces_and_their_slopes_hold_random_points():
@@ -242,17 +227,6 @@ def test_random_changes_of_regional_claims_reach_the_domain_and_every_exact_valu
     assert reached == {"verdict", "rate", *domain, *exact}
 
 
-def test_equilibria_of_two_agents_are_those_of_the_closed_form():
-    """One way: h(-e_2) = 0, the zeros of sin; both ways, pinned with 1/10: 2 sin y + y/10 = 0 near 3.31."""
-    one_way = [e for e in equilibria(math.sin, 1.0, back=False) if abs(e[1]) < 4]
-    assert np.allclose(sorted(one_way), [(0, -math.pi), (0, math.pi)])
-    nearest = min((e for e in equilibria(math.sin, 0.1, back=True)), key=lambda e: abs(e[1] - e[0]))
-    assert math.isclose(abs(nearest[1] - nearest[0]), 3.3077, rel_tol=1e-3)
-    for e in equilibria(math.sin, 0.1, back=True):
-        assert abs(math.sin(e[1] - e[0]) - 0.1 * e[0]) < 1e-9
-        assert abs(math.sin(e[0] - e[1]) - 0.1 * e[1]) < 1e-9
-
-
 def test_no_region_of_two_agents_holds_another_equilibrium():
     tally = equilibrium_campaign([FAST_PAIR])
     assert not tally.wrong, tally.wrong
@@ -263,10 +237,3 @@ def test_linear_networks_are_proved_where_the_eigenvalues_are_stable_and_never_t
     tally = linear_campaign(range(6))
     assert not tally.wrong, tally.wrong
     assert {name.rpartition(":")[0] for name in tally.counts} == {"linear stable", "linear not stable"}
-
-
-def test_the_matrix_of_a_linear_network_annihilates_what_nobody_holds():
-    """Rows of M sum to -k_i."""
-    problem, M = linear_problem(1)
-    gains = [float(problem.pinning.gains[i][0][0]) if i in problem.pinning.gains else 0.0 for i in range(problem.n)]
-    assert np.allclose(M.sum(axis=1), -np.array(gains))

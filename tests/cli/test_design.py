@@ -1,7 +1,5 @@
 """`dobc design`: a new problem file with the user's comments, exit codes of the contract, nothing written in vain."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """dobc export: C code, FMU and SDPA file from the command line."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Labels with accents on the command line name the same agent in either form of Unicode (NFC, NFD)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from unicodedata import normalize
 

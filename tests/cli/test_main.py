@@ -3,8 +3,6 @@
 Most tests call ``dobc_design.cli.main.main`` in this process; the last ones start real ones.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -202,11 +200,13 @@ def test_a_bad_file_is_told_on_standard_error_in_words(dobc, tmp_path, case):
     assert ran.err.replace("\n", "").isprintable()
 
 
-def test_all_mistakes_are_counted(dobc):
+def test_all_mistakes_are_counted_and_a_wrong_option_points_to_the_help(dobc):
     ran = dobc("check", write(CHAIN.replace("{ 3 = 5 }", "{ 4 = 5, 3 = -1 }")))
     assert ran.code == 2
     assert ran.err.count("error: ") == 2
     assert ran.err.endswith("2 errors; nothing was written.\n")
+    assert "See `dobc certify --help`." in dobc("certify", "--wrong").err
+    assert "See `dobc --help`." in dobc("frobnicate").err
 
 
 def test_check_says_in_words_what_a_problem_means(dobc):
@@ -248,7 +248,10 @@ def certified(dobc):
     return Path("proof")
 
 
-def test_a_certificate_verifies_against_every_form_of_its_problem(dobc, certified):
+def test_a_certificate_verifies_against_every_form_of_its_problem_that_is_there(dobc, certified):
+    assert dobc("verify", "nowhere.json", "--problem", "paper-fixed", "--json").json["error"]["key"] == "certificate"
+    ran = dobc("verify", certified, "--problem", "nowhere.toml", "--json")
+    assert (ran.code, ran.json["error"]["key"]) == (2, "nowhere.toml")
     for certificate, problem in product(("proof", "proof/certificate.json"), ("paper-fixed", "proof/problem.json")):
         ran = dobc("verify", certificate, "--problem", problem, "--json")
         assert (ran.code, ran.json["holds"], ran.json["verdict"], ran.json["failures"]) == (0, True, "proved", [])
@@ -278,18 +281,9 @@ def test_what_is_no_certificate_leaves_with_2(dobc, content):
     assert "cannot be read" in ran.json["error"]["message"]
 
 
-def test_a_certificate_or_problem_that_is_not_there_leaves_with_2(dobc, certified):
-    assert dobc("verify", "nowhere.json", "--problem", "paper-fixed", "--json").json["error"]["key"] == "certificate"
-    ran = dobc("verify", certified, "--problem", "nowhere.toml", "--json")
-    assert (ran.code, ran.json["error"]["key"]) == (2, "nowhere.toml")
-
-
-def test_problems_lists_the_built_in_ones(dobc):
+def test_problems_and_conditions_are_listed_and_explained(dobc):
     assert [row["name"] for row in dobc("problems", "--json").json["problems"]] == list(builtin_names())
     assert [line.split()[0] for line in dobc("problems").out.splitlines()] == list(builtin_names())
-
-
-def test_every_known_condition_can_be_explained(dobc):
     for id in KINDS:
         title, words = dobc("explain", id, "--json").json["title"], dobc("explain", id).out
         assert all(part in words for part in (title, "Proved: ", "Refuted: "))
@@ -335,11 +329,6 @@ def test_a_mistake_is_one_document_or_a_line_on_standard_error(dobc, line):
     assert set(ran.json["error"]) - {"all"} == {"kind", "key", "message", "cure"}
     assert ran.json["error"]["message"]
     assert (words.code, words.out, words.err[:7]) == (2, "", "error: ")
-
-
-def test_a_wrong_option_points_to_the_help_of_its_command(dobc):
-    assert "See `dobc certify --help`." in dobc("certify", "--wrong").err
-    assert "See `dobc --help`." in dobc("frobnicate").err
 
 
 @pytest.mark.parametrize(

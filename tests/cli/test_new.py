@@ -1,7 +1,5 @@
 """`dobc new`, `dobc doctor`, `dobc explain`, completion: what a newcomer meets first."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -13,14 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from dobc_design.certification.certify import certify, verify
+from dobc_design import Verdict, certify, load_problem, verify
 from dobc_design.cli.doctor import Item, examine, install_command
 from dobc_design.cli.new import scaffold
 from dobc_design.cli.output import ids, problem_names
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.problem.load import load_problem
 from dobc_design.problem.schema import json_schema
-from dobc_design.verdict import Verdict
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """`dobc region`: numbers and a picture, exit codes as certify, one document with --json, files replaced together."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`dobc report`: the report of a certificate again; two certificates side by side."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

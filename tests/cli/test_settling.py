@@ -1,7 +1,5 @@
 """`dobc certify --settling TOL --search`: both in the answer, in the certificate and in the report."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`dobc simulate`: the contract's document, files that appear whole, and an answer also when a run diverges."""
 
-from __future__ import annotations
-
 import json
 import re
 from functools import partial
@@ -10,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dobc_design.simulation.runs import simulate
+from dobc_design import load_trajectory, simulate
 from dobc_design.simulation.setting import Failure, Stress, stress_to_json
-from dobc_design.simulation.trajectory import load_trajectory
 
 DIVERGING = """\
 name = "apart"

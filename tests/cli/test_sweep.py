@@ -1,7 +1,5 @@
 """`dobc sweep`: one document, files that can be gone on with, and clusters."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """On a terminal and off it: colours, --quiet, --verbose, and Ctrl-C during a sweep."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

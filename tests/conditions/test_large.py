@@ -1,7 +1,5 @@
 """The path for large networks against the one for small ones, on problems that both can take."""
 
-from __future__ import annotations
-
 import json
 from base64 import b64decode, b64encode
 from fractions import Fraction
@@ -11,15 +9,13 @@ import pytest
 from random_problems import random_linear_problem, random_problem
 from separable_problems import cycle, listening
 
+from dobc_design import Exosystem, Verdict, certify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.consensus import claim, propose
 from dobc_design.conditions.consensus.propose import float_lambda
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.verdict import Verdict
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """Claimed numbers: decimal text, rounded towards the weaker claim; rationals of any sensible length."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Enclosures of h, h' and the secant gain: they contain the truth, and are tight."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from itertools import pairwise
@@ -81,14 +79,11 @@ def test_slopes_are_tight_and_clarkes_at_kinks(text: str, low: float, high: floa
     assert high - 1e-12 <= found.hi < high + 1e-5
 
 
-def test_slopes_are_enclosed_where_the_interval_is_not_symmetric_and_the_curvature_changes_sign():
+def test_slopes_are_enclosed_as_tightly_as_requested_where_the_curvature_changes_sign():
     """tanh on [-1/1000, 1]: h' is 1 at 0 and 1 - tanh(1)^2 at 1."""
     found = slope_form(curve("tanh(y)"), Interval(Fraction(-1, 1000), Fraction(1)))
     assert found.lo <= 1 - math.tanh(1) ** 2 < 1 <= found.hi
-
-
-def test_a_requested_tightness_is_reached():
-    """y/(2 + y^2) has its extremes +-1/(2 sqrt 2) inside; natural interval arithmetic gives +-1."""
+    # y/(2 + y^2) has its extremes +-1/(2 sqrt 2) inside; natural interval arithmetic gives +-1.
     truth = 1 / (2 * math.sqrt(2))
     for tolerance in (Fraction(1, 10), Fraction(1, 10**3), Fraction(1, 10**8)):
         found = value_range(curve("y/(2 + y**2)"), TWO, tolerance=tolerance)
@@ -96,15 +91,12 @@ def test_a_requested_tightness_is_reached():
         assert -truth - 1.01 * float(tolerance) <= found.lo <= -truth
 
 
-def test_the_secant_gain_at_zero_is_the_slope():
+def test_the_secant_gain_at_zero_is_the_slope_and_a_kink_at_the_end_counts_for_the_slope_alone():
     """g(0) = h'(0), exactly; at a kink both sides' slopes."""
     zero = Interval.point(0)
     assert secant(curve("exp(y) - 1 + y"), zero).value == Interval.point(2)
     assert secant(curve("max(y, 2*y)"), zero).value == Interval(1, 2)
-
-
-def test_a_kink_at_the_end_counts_for_the_slope_and_not_for_the_secant():
-    """clip(y, -1, 1) is y on [-1, 1]: its gain is 1 there, while Clarke's slope at the ends is [0, 1]."""
+    # clip(y, -1, 1) is y on [-1, 1]: its gain is 1 there, while Clarke's slope at the ends is [0, 1].
     one = Interval(-1, 1)
     assert secant_range(curve("clip(y, -1, 1)"), one) == Interval.point(1)
     assert slope_range(curve("clip(y, -1, 1)"), one) == Interval(0, 1)
@@ -245,19 +237,13 @@ def test_sin_turns_at_odd_multiples_of_half_pi():
         turning = [cell for cell in cells if cell.values.contains(value)]
         assert [round(float(cell.place.midpoint) / math.pi, 5) for cell in turning] == list(places)
         assert all(cell.values.width < 1e-9 for cell in turning)
-
-
-def test_just_inside_half_pi_sin_rises_and_just_outside_it_does_not():
     assert profile_of("sin(y)", "1.5707963").is_nondecreasing
     assert not profile_of("sin(y)", "1.5708").is_nondecreasing
 
 
-def test_a_corner_between_rising_and_falling_is_a_top():
+def test_a_corner_is_a_top_and_what_is_not_defined_so_far_out_is_refused():
     """min(y, 1 - y) turns at 1/2; its kink may be met exactly or enclosed."""
     found = profile_of("min(y, 1 - y)", "2")
     assert any(cell.place.contains(Fraction(1, 2)) and cell.values.contains(Fraction(1, 2)) for cell in found.tops)
-
-
-def test_a_coupling_that_is_not_defined_so_far_out_is_refused():
     with pytest.raises(UndefinedError, match=r'h = "log\(1 \+ y\)" cannot be enclosed on \[-1, 1\]: log'):
         profile_of("log(1 + y)", "1")

@@ -1,7 +1,5 @@
 """The table of functions: enclosures against mpmath, the libraries against each other, the documentation."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The Designer on a real Jupyter server, driven in Chromium without a screen, by the browser's own protocol."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

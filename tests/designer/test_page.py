@@ -1,7 +1,5 @@
 """The Designer's page in Chromium beside a model without a kernel: what a hand does to it, and an audit by axe-core."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator

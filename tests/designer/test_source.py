@@ -1,12 +1,9 @@
 """A problem as Python: the script builds an equal problem, without the packages of notebooks."""
 
-from __future__ import annotations
-
 import pytest
 
+from dobc_design import Problem, load_problem
 from dobc_design.designer.source import python_source
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.problem import Problem
 
 TABLES = {
     "uncertainty": {"disturbance": "1/10", "weights": "1/3", "known_to_agents": False},

@@ -1,7 +1,5 @@
 """The Designer without a browser: what is set is what is certified, previewed and saved."""
 
-from __future__ import annotations
-
 import runpy
 from fractions import Fraction
 from typing import Any

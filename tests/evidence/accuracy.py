@@ -1,15 +1,11 @@
 """Certified final bounds against the exact L-infinity gain of random linear loops, and against bang-bang runs."""
 
-from __future__ import annotations
-
 import numpy as np
 from disturbed import exact_gain, final_errors
 from evidence.row import Row
 
-from dobc_design.certification.certify import certify, verify
+from dobc_design import Problem, certify, load_problem, verify
 from dobc_design.conditions.accuracy.decide import Accuracy
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.problem import Problem
 
 MEDIAN = 2.2  # how many times the exact gain a bound may be, in the median
 CURVED = {"disturbance": "1/10", "drift": "1/100", "measurement": "1/1000"}

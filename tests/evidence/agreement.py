@@ -1,7 +1,5 @@
 """``certify`` and the second program on random problems of every kind: they agree on every claim that is made."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from random import Random
@@ -11,13 +9,9 @@ import numpy as np
 from evidence.row import Row
 from random_problems import random_problem
 
+from dobc_design import Exosystem, Group, Network, Problem, certify, verify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify, verify
 from dobc_design.conditions.coverage import asked_radius
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 SMOOTH = ("y", "2*y", "tanh(y)", "sin(y)", "y + y**3/4", "exp(y) - 1 + y", "atan(2*y)", "y/(1 + y**2)", "sinh(y)/2")
 EDGES = ("sqrt(1 + y) - 1", "log(1 + y)", "y/(2 - y)", "tan(y)", "1 - sqrt(1 - y)", "y + log(1 - y/2)")

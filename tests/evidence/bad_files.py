@@ -3,8 +3,6 @@
 Each must end with exit code 2 and one JSON error that names the key; no traceback, no file written.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

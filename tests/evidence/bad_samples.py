@@ -1,7 +1,5 @@
 """Bad inputs of exported C code, counted."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 

@@ -4,8 +4,6 @@ immrax (embedding, half a ring at a time) runs by the Python that PEERS_PYTHON n
 table says so.  Products of exact flows bound the joint spectral radius of linear agents with a fixed dwell time.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -20,10 +18,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from dobc_design.certification.certify import certify, certify_settling
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
+from dobc_design import Network, Problem, Switching, certify, certify_settling
 
 PERIODS = (1, 2, 4, 8)  # of 2 s
 GAIN, RADIUS = 5.0, 4.0

@@ -3,8 +3,6 @@
 Certificates are checked by ``verify`` and by an oracle that shares no code with theorems, verify or exact.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from statistics import median

@@ -1,18 +1,15 @@
 """Joint designs: what is proved is proved again, what is refused is impossible for random gains, built-in problems."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import permutations
 from random import Random
 
 import numpy as np
 from evidence.row import Row
+from linked import loop_by_hand
 
 import dobc_design as dd
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
+from dobc_design import Network, Problem, Verdict
 
 BUILT_IN = ("paper-fixed", "paper-switching", "clock-sync", "karate-club", "microgrid-ieee14", "uav-swarm")
 MOST_PINS = {"paper-fixed": 2}
@@ -86,7 +83,7 @@ def _keeps(found: dd.Design, asked: dict) -> bool:
 
 def _found_one(r: Random, problem: Problem, asked: dict) -> bool:
     """Random gains within the limits whose linear loop decays at the rate asked (at all, if none was)."""
-    J = _jacobian(problem)
+    J = loop_by_hand(problem)
     allowed = [problem.network.index[label] for label in asked.get("allowed", problem.network.labels)]
     for _ in range(TRIALS):
         K = np.zeros(problem.n)
@@ -96,14 +93,6 @@ def _found_one(r: Random, problem: Problem, asked: dict) -> bool:
         if -np.max(np.linalg.eigvals(J - np.diag(K)).real) > asked.get("rate", 0) + 1e-9:
             return True
     return False
-
-
-def _jacobian(problem: Problem) -> np.ndarray:
-    J = np.zeros((problem.n, problem.n))
-    for i, j, weight in problem.network.modes["G"]:
-        J[i, j] += float(weight)
-        J[i, i] -= float(weight)
-    return J
 
 
 def true_rate(count: int, seed: int) -> Row:
@@ -122,7 +111,7 @@ def true_rate(count: int, seed: int) -> Row:
             failures.append(f"{seed + number}: {weighted.verdict.value}, {weighted.reason}")
             continue
         K = np.diag([float(weighted.gains.get(label, 0)) for label in problem.network.labels])
-        slowest = float(np.linalg.eigvals(_jacobian(problem) - K).real.max())
+        slowest = float(np.linalg.eigvals(loop_by_hand(problem) - K).real.max())
         if not dd.verify(weighted.certificate, weighted.problem).holds or -slowest < float(rate):
             failures.append(f"{seed + number}: rate {-slowest:.6g}, asked {float(rate):.6g}")
         if plain.verdict is not Verdict.PROVED:

@@ -1,7 +1,5 @@
 """Enclosures of h, h' and h(y)/y against random points at 200 bits, for every function and compositions."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from random import Random

@@ -1,7 +1,5 @@
 """Starts on the boundary of proved sets, at random, at corners, at edges and uphill: none may leave or be slower."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from fractions import Fraction
@@ -12,6 +10,7 @@ import lure_cases
 from evidence.row import Row
 from separable_problems import MONOTONE, PAPER, TURNING, random_problem
 
+from dobc_design import Observer, Problem
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
 from dobc_design.conditions.separable.claim import Separable
@@ -23,8 +22,6 @@ from dobc_design.conditions.separable.propose import (
     rounded_vectors,
 )
 from dobc_design.falsification.search import search_starts
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.problem import Problem
 
 PROBLEMS = 24  # at least 20 are wanted
 HORIZON = 15.0  # s

@@ -4,8 +4,6 @@ See ``edge_matrices``: one eigenvalue is 0 or +-2^-28 to +-2^-47, and the entrie
 is asked the same question.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from random import Random
 

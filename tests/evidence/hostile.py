@@ -4,8 +4,6 @@ Each must end with an exit code of the contract; a mistake is said in errors, or
 nothing behind.  Every command runs in a folder of its own, in this process, through the entry of the command line.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """What `make evidence` counts, and how much of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -58,7 +56,7 @@ ITEMS = (
     Item(name="region-mutants", run=certificates.region_mutants, count=2000, seed=3, share=100),
     Item(name="known-regions", run=certificates.regions, count=100, seed=0, share=50),
     Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000, share=20),
-    Item(name="decision", run=certificates.decision, count=200, seed=6000, share=40),
+    Item(name="decision", run=certificates.decision, count=200, seed=6000, share=10),
     Item(name="outside", run=certificates.outside, count=300, seed=6000, share=0),  # a fast test runs 60
     Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=50),
     Item(name="tolerances", run=margins.tolerances, count=1000, seed=12_000),
@@ -68,10 +66,10 @@ ITEMS = (
     Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=0),  # slow tests interrupt 4 times
     Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=30),  # the count is seconds of CPU time
     Item(name="agreement", run=agreement.run, count=400, seed=8500, share=80),
-    Item(name="cures", run=certificates.cures, count=500, seed=8000, share=100),
+    Item(name="cures", run=certificates.cures, count=500, seed=8000, share=50),
     Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),
     Item(name="any-sign", run=local.any_sign, count=400, seed=9200, share=40),
-    Item(name="decided", run=certificates.decided, count=500, seed=9000, share=100),
+    Item(name="decided", run=certificates.decided, count=500, seed=9000, share=40),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=100),  # points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=200),  # the count is starts
     Item(name="pins", run=pinning.choices, count=100, seed=9500),

@@ -4,8 +4,6 @@ Each problem has 2 to 4 agents, m = 1 or 2, weights and an arc with a coupling o
 little away from where the couplings have kinks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import cache
 from random import Random
@@ -14,12 +12,12 @@ from typing import Any
 import numpy as np
 import sympy
 from evidence.row import Row
+from random_couplings import names
 
+from dobc_design import Network, Problem
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.model.model import build_model
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 # Smooth at 0 and defined on |y| <= 3, so that J(0) exists; with kinks elsewhere where a function has them.
 _SMOOTH = (
@@ -119,14 +117,9 @@ def _symbolic(problem: Problem, e: np.ndarray) -> np.ndarray:
 @cache
 def _partials(texts: tuple[str, ...], m: int) -> list[list[Any]]:
     y = sympy.symbols(f"y1:{m + 1}", real=True)
-    names = {f"y{c + 1}": y[c] for c in range(m)} | {
-        "abs": sympy.Abs,
-        "min": sympy.Min,
-        "max": sympy.Max,
-        "clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(hi, x)),
-    }
+    own = names({f"y{c + 1}": y[c] for c in range(m)})
     by_component = len(texts) == 1
-    h = [sympy.sympify(texts[0 if by_component else c], locals={**names, "y": y[c]}, rational=True) for c in range(m)]
+    h = [sympy.sympify(texts[0 if by_component else c], locals={**own, "y": y[c]}, rational=True) for c in range(m)]
     return [[sympy.lambdify(y, sympy.diff(each, v), "numpy") for v in y] for each in h]
 
 

@@ -1,7 +1,5 @@
 """The local question: random networks are proved near the target iff they are stable, at the true rate."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from random import Random
 
@@ -10,8 +8,7 @@ import sympy as sp
 from evidence.row import Row
 
 import dobc_design as dd
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design import Network, Problem
 
 COUPLINGS = {"exp(y) - 1 + y": 2, "sin(y)": 1, "2*y": 2, "tanh(y)": 1}  # and their slopes at 0
 ISOLATED, SMALL = 50, 8  # problems whose mu is isolated as a root, and their agents

@@ -1,7 +1,5 @@
 """Tolerances and inputs against simulations with couplings and formulas of this page alone."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 
@@ -10,14 +8,11 @@ from evidence.row import Row
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from dobc_design.conditions.check import Check
+from dobc_design import Check, Network, Problem, load_problem
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.margins.stage import margins_stage
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.separable.stage import separable_stage
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 Array = NDArray[np.float64]
 COUPLINGS = {"exp(y) - 1 + y": lambda y: np.exp(y) - 1 + y, "tanh(y)": np.tanh, "y": lambda y: y, "sin(y)": np.sin}

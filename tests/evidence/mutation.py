@@ -7,8 +7,6 @@ a seeded sample, swaps ``any`` and ``all`` or ``lo`` and ``hi``, and goes by cov
 As a script: ``mutation.py --count 300 --seed 7 --workers 1``.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import hashlib

@@ -1,7 +1,5 @@
 """All notebooks from a clean kernel; the slow tests run the short ones."""
 
-from __future__ import annotations
-
 from clean_kernel import NOTEBOOKS, failure_of
 from evidence.row import Row
 

@@ -4,8 +4,6 @@ Whether a neighbour is feasible, and what it is worth, is decided over the ratio
 elimination, Routh's determinants, Lyapunov's equation.  Floats only choose which neighbours are worth deciding.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from random import Random
@@ -17,8 +15,7 @@ from evidence.row import Row
 from exact_oracle import positive_definite
 
 import dobc_design as dd
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design import Network, Problem
 
 BETTER = Fraction(1, 10**6)
 PROBLEMS = 10  # about; where one has few feasible neighbours, more

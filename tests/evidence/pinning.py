@@ -1,17 +1,13 @@
 """Designed pinning: the choice of agents and its proved bound against exhaustive search."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from random import Random
 
 from evidence.row import Row
 
 import dobc_design as dd
+from dobc_design import Network, Problem, Verdict
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 AGREE = 1e-6
 

@@ -1,7 +1,5 @@
 """Kills, interrupts and broken input, counted: what ``tests/robustness`` shows, with the full counts."""
 
-from __future__ import annotations
-
 import signal
 import tempfile
 import time

@@ -1,7 +1,5 @@
 """One line of the evidence table."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 `run.py --fuzz-minutes 10` fuzzes for ten minutes of CPU time instead of one; `--only NAME` runs one item.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,7 +1,5 @@
 """certificate.json of built-in problems: the same bytes for every hash seed, number of threads, and under -O."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

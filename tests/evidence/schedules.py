@@ -6,8 +6,6 @@ three modes that are on for their shortest or longest time.  Rising couplings co
 reach every agent, and no faster than their linearisation.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass
@@ -23,12 +21,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.sparse.csgraph import breadth_first_order
 
-from dobc_design.certification.certify import certify
+from dobc_design import Network, Problem, Region, Switching, Verdict, certify
 from dobc_design.conditions.schedule.cycles import Cycles
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region, Switching
-from dobc_design.verdict import Verdict
 
 KINDS = ("sequence, equal", "sequence, uneven", "sequence, repeated", "dwell, longest", "dwell, no longest")
 SLOPES = {"y": 1.0, "exp(y) - 1 + y": 2.0, "y + y**3": 1.0, "atan(y)": 1.0, "y + 2*tanh(y)": 3.0}

@@ -1,7 +1,5 @@
 """Random loops, simulated: against matrix exponentials and powers of matrices, under stress, below certified bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -10,14 +8,9 @@ from evidence.row import Row
 from loops import simulate, simulate_many
 from scipy.linalg import expm
 
-from dobc_design.certification.certify import certify
+from dobc_design import Exosystem, Failure, Network, Observer, Problem, Stress, certify
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.runs import simulate as simulate_problem
-from dobc_design.simulation.setting import Failure, Stress
 from dobc_design.simulation.signals import Periodic, RandomDwell
 
 CLOSE = 1e-9

@@ -1,7 +1,5 @@
 """Sweeps whose drivers and workers are killed on the way: every case once in the end, equal to a serial run."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

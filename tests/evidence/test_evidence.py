@@ -1,7 +1,5 @@
 """A seeded share of what `make evidence` counts (see ``Item.share``), item by item."""
 
-from __future__ import annotations
-
 import json
 import sys
 import warnings

@@ -1,7 +1,5 @@
 """Intervals of floats against the exact rationals, which are the independent oracle."""
 
-from __future__ import annotations
-
 import copy
 import math
 import operator

@@ -27,31 +27,12 @@ def test_the_papers_pair_is_observable():
     assert detectable.unobservable_text == "1"
 
 
-def test_a_constant_that_is_not_seen_is_not_detectable():
+def test_what_is_not_seen_is_detectable_iff_it_dies_out():
     """Theory, section 9: A = [0], C = [0] no (mode 0)."""
     result = exact.decide_detectable(matrix([[0]]), matrix([[0]]))
     assert (result.verdict, result.unobservable_text) == (REFUTED, "s")
     assert exact.decide_detectable(matrix([[0]]), matrix([["1e-300"]])).verdict is PROVED
     assert exact.decide_detectable(matrix([["-1e-300"]]), matrix([[0]])).verdict is PROVED
-
-
-def test_two_equal_oscillators_seen_as_one_are_not_detectable():
-    """Theory, section 9: C = [1, 0, 1, 0] no (s^2 + 4)."""
-    result = exact.decide_detectable(*TWINS)
-    assert (result.verdict, result.unobservable_text) == (REFUTED, "s^2 + 4")
-    assert result.table == exact.routh((1, 0, 4))
-    assert exact.decide_observable(*TWINS).rank == 2
-
-
-def test_oscillators_of_different_frequency_are_observable():
-    """The twin: a frequency of 2 + 10^-30 tells them apart, which no rank in floats can."""
-    A, C = TWINS
-    near = (*A[:2], (0, 0, 0, 2 + Fraction(1, 10**30)), (0, 0, -2 - Fraction(1, 10**30), 0))
-    assert exact.decide_observable(matrix(near), C).verdict is PROVED
-    assert np.linalg.matrix_rank(exact.to_float(exact.observability_matrix(matrix(near), C))) == 2
-
-
-def test_an_unobserved_state_that_dies_out_is_detectable():
     A = matrix([[0, 1], [0, -3]])
     pair = A, matrix([[0, 0]])
     assert exact.decide_detectable(*pair).verdict is REFUTED
@@ -62,25 +43,29 @@ def test_an_unobserved_state_that_dies_out_is_detectable():
     assert exact.decide_detectable(*unseen).unobservable_text == "s + 3"
 
 
-def test_the_reduction_of_an_observable_pair_is_itself():
+def test_two_equal_oscillators_seen_as_one_are_not_detectable_and_different_ones_are():
+    """Theory, section 9: C = [1, 0, 1, 0] no (s^2 + 4)."""
+    result = exact.decide_detectable(*TWINS)
+    assert (result.verdict, result.unobservable_text) == (REFUTED, "s^2 + 4")
+    assert result.table == exact.routh((1, 0, 4))
+    assert exact.decide_observable(*TWINS).rank == 2
+    # The twin: a frequency of 2 + 10^-30 tells them apart, which no rank in floats can.
+    A, C = TWINS
+    near = (*A[:2], (0, 0, 0, 2 + Fraction(1, 10**30)), (0, 0, -2 - Fraction(1, 10**30), 0))
+    assert exact.decide_observable(matrix(near), C).verdict is PROVED
+    assert np.linalg.matrix_rank(exact.to_float(exact.observability_matrix(matrix(near), C))) == 2
+
+
+def test_reductions_of_the_theory_and_of_nothing():
     assert exact.observable_reduction(*PAPER) == (*PAPER, exact.identity(2))
-
-
-def test_the_reduction_of_the_twin_oscillators_is_one_oscillator():
-    """Theory, section 2: the reduced exosystem is the fix."""
+    # Theory, section 2: the reduced exosystem is the fix.
     A_o, C_o, T = exact.observable_reduction(*TWINS)
     assert matrix([[1, 0, 1, 0], [0, 1, 0, 1]]) == T
     assert (A_o, C_o) == PAPER
-
-
-def test_nothing_observable_reduces_to_nothing():
-    """r = 0: A_o and T have no rows, C_o empty ones."""
+    # r = 0: A_o and T have no rows, C_o empty ones.
     assert exact.observable_reduction(exact.identity(2), exact.zeros(3, 2)) == ((), ((), (), ()), ())
     assert exact.decide_observable(exact.identity(2), exact.zeros(3, 2)).rank == 0
     assert exact.decide_observable(exact.identity(2), ()).unobservable == exact.identity(2)
-
-
-def test_an_exosystem_without_states_is_observable():
     assert exact.decide_observable((), ()).verdict is PROVED
     assert exact.decide_detectable((), ()).verdict is PROVED
 

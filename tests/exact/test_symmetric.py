@@ -1,7 +1,5 @@
 """Sparse symmetric matrices, in integer arrays and without: the same as their dense forms; vectors of doubles."""
 
-from __future__ import annotations
-
 import pickle
 from fractions import Fraction
 
@@ -109,9 +107,13 @@ def test_a_long_common_denominator_is_not_taken():
     assert in_integers(short).denominator == 420
 
 
-def test_an_empty_row_has_no_place_in_the_row_form():
+def test_zeros_are_dropped_and_it_survives_pickling():
     assert both_triangles(arrays(2, [(0, 0, 1)])) is None
     assert both_triangles(arrays(0, [])) is None
+    assert SparseSymmetric(2, {(0, 1): Fraction(0), (1, 1): Fraction(2)}) == SparseSymmetric(2, {(1, 1): Fraction(2)})
+    # Sweeps send problems between processes.
+    M = SparseSymmetric(2, {(0, 1): Fraction(1, 3)})
+    assert pickle.loads(pickle.dumps(M)) == M
 
 
 @pytest.mark.parametrize("place", [(1, 0), (-1, 0), (0, 2), (2, 2)])
@@ -141,6 +143,20 @@ def test_what_does_not_fit_is_refused():
         IntegerSymmetric.from_floats(np.array([[1.0, 2.0], [2.0 + 2**-51, 1.0]]))
     with pytest.raises(SpecError, match="must have finite entries"):
         IntegerSymmetric.from_floats(np.array([[np.inf]]))
+    with pytest.raises(ShapeError, match="one size"):
+        arrays(2, [(0, 0, 1)]) + arrays(3, [(0, 0, 1)])
+    with pytest.raises(ShapeError, match="size must be 0 or more"):
+        SparseSymmetric(-1, {})
+    with pytest.raises(ShapeError, match="one size; got 2 and 3"):
+        SparseSymmetric(2, {}) + SparseSymmetric(3, {})
+    with pytest.raises(ShapeError, match="must have 2 entries; got 3"):
+        SparseSymmetric(2, {}).quadratic_form([1, 2, 3])
+    with pytest.raises(TypeError):
+        SparseSymmetric(2, {}) + 1
+    with pytest.raises(ShapeError, match=r"P must be exactly symmetric; entries \[0\]\[1\] and \[1\]\[0\]"):
+        SparseSymmetric.from_dense(((Fraction(1), Fraction(2)), (Fraction(3), Fraction(1))), name="P")
+    with pytest.raises(ShapeError, match="must be square"):
+        SparseSymmetric.from_dense(((Fraction(1), Fraction(2)),))
 
 
 @given(SPARSE, SPARSE, st.fractions(max_denominator=9))
@@ -160,11 +176,6 @@ def test_some_rows_and_columns_in_their_order(M, rows):
     assert [list(row) for row in IntegerSymmetric.from_sparse(M).restricted(rows).to_dense()] == part
     assert [list(row) for row in M.restricted(rows).to_dense()] == part
     assert len(full) == 5
-
-
-def test_matrices_of_different_sizes_are_not_added():
-    with pytest.raises(ShapeError, match="one size"):
-        arrays(2, [(0, 0, 1)]) + arrays(3, [(0, 0, 1)])
 
 
 @given(SPARSE, SPARSE, st.fractions(max_denominator=9))
@@ -192,52 +203,18 @@ def test_triplets_fill_both_triangles(M):
     assert len(set(zip(rows.tolist(), columns.tolist(), strict=True))) == len(values)
 
 
-def test_zeros_are_dropped():
-    assert SparseSymmetric(2, {(0, 1): Fraction(0), (1, 1): Fraction(2)}) == SparseSymmetric(2, {(1, 1): Fraction(2)})
-
-
-def test_it_survives_pickling():
-    """Sweeps send problems between processes."""
-    M = SparseSymmetric(2, {(0, 1): Fraction(1, 3)})
-    assert pickle.loads(pickle.dumps(M)) == M
-
-
-def test_sizes_that_do_not_fit_are_refused():
-    with pytest.raises(ShapeError, match="size must be 0 or more"):
-        SparseSymmetric(-1, {})
-    with pytest.raises(ShapeError, match="one size; got 2 and 3"):
-        SparseSymmetric(2, {}) + SparseSymmetric(3, {})
-    with pytest.raises(ShapeError, match="must have 2 entries; got 3"):
-        SparseSymmetric(2, {}).quadratic_form([1, 2, 3])
-    with pytest.raises(TypeError):
-        SparseSymmetric(2, {}) + 1
-
-
-def test_a_dense_matrix_must_be_exactly_symmetric():
-    with pytest.raises(ShapeError, match=r"P must be exactly symmetric; entries \[0\]\[1\] and \[1\]\[0\]"):
-        SparseSymmetric.from_dense(((Fraction(1), Fraction(2)), (Fraction(3), Fraction(1))), name="P")
-    with pytest.raises(ShapeError, match="must be square"):
-        SparseSymmetric.from_dense(((Fraction(1), Fraction(2)),))
-
-
-def test_entries_are_exact_binary_fractions():
+def test_doubles_are_exact_frozen_and_equal_by_value():
     v = Doubles(np.array([0.1, 2.0, -(2.0**-1074)]))
     assert list(v) == [Fraction(0.1), 2, Fraction(-1, 2**1074)]
     assert v[0] == v[-3] == Fraction(0.1) != Fraction(1, 10)
     assert v[1:] == (2, Fraction(-1, 2**1074))
     assert (len(v), least(v), least(tuple(v))) == (3, v[2], v[2])
-
-
-def test_the_array_can_neither_be_changed_nor_changes_with_its_source():
     source = np.array([1.0, 2.0])
     v = Doubles(source)
     source[0] = 9.0
     assert v[0] == 1
     with pytest.raises(ValueError, match="read-only"):
         v.array[0] = 3.0
-
-
-def test_equal_vectors_are_equal_and_hash_alike():
     one, same, other = (Doubles(np.array(x)) for x in ([1.0, 2.0], [1.0, 2.0], [1.0, 3.0]))
     assert (one == same, one == other, hash(one) == hash(same)) == (True, False, True)
 

@@ -1,7 +1,5 @@
 """Z-matrices: a positive vector with a positive image proves positive definiteness."""
 
-from __future__ import annotations
-
 import tracemalloc
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Exported C code skips bad samples and counts them; its answers stay those of a loop that missed them."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

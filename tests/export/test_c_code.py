@@ -1,7 +1,5 @@
 """Exported C code: compiled without warnings, it is the sampled loop of the simulation."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -13,18 +11,13 @@ from c_harness import EVERY, CompiledAgents, compile_and_test, needs_gcc, planar
 from scipy.linalg import expm
 
 import dobc_design as dd
+from dobc_design import Exosystem, Network, Observer, Problem, Verdict, load_problem
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import SpecError
 from dobc_design.export.c_controller import make_controller
 from dobc_design.export.c_folder import FILES, source_text
 from dobc_design.export.rounding_bound import Erring, ErringAlgebra, coupling_with_error
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.simulation.stressed import LOSS
-from dobc_design.verdict import Verdict
 
 
 def alone(k: object, *, h: str = "y") -> Problem:

@@ -1,7 +1,5 @@
 """The FMU of one agent, simulated by FMPy, is that agent of the simulated loop."""
 
-from __future__ import annotations
-
 import io
 import re
 import shutil
@@ -14,13 +12,10 @@ import numpy as np
 import pytest
 
 import dobc_design as dd
+from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.errors import SolverError
 from dobc_design.export import fmu
 from dobc_design.export.c_text import template
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 needs_compiler = pytest.mark.skipif(
     not any(map(shutil.which, fmu.COMPILERS)), reason="no C compiler is installed (Debian: apt install gcc)"

@@ -1,7 +1,5 @@
 """Limits of actuators in exported C code: u is cut off there, the observer knows it, the samples are counted."""
 
-from __future__ import annotations
-
 import subprocess
 
 import numpy as np

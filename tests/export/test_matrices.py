@@ -1,7 +1,5 @@
 """Matrices of a problem or certificate in NumPy, SymPy, LaTeX, CasADi and MATLAB."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
@@ -10,12 +8,9 @@ import sympy
 from certified import certified
 
 import dobc_design as dd
+from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_document
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 
 def planar() -> Problem:

@@ -1,7 +1,5 @@
 """The exported loop, integrated by python-control, is the simulated one."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
@@ -12,13 +10,10 @@ from c_harness import planar
 from loops import simulate
 
 import dobc_design as dd
+from dobc_design import Exosystem, Network, Problem, load_problem
 from dobc_design.errors import SpecError
 from dobc_design.export import python_script, to_control
 from dobc_design.model.model import build_model
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 TIGHT = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
 

@@ -1,7 +1,5 @@
 """The Coq file: its numbers are the problem's, its LDL' is Psi, and Coq accepts it and nothing near it."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess
@@ -16,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from regions import without_region
 
-from dobc_design.certification.certify import certify
+from dobc_design import Exosystem, Network, Problem, Verdict, certify, load_problem
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.cholesky import Square, squares_of
@@ -25,11 +23,6 @@ from dobc_design.exact.matrix import scale
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.rocq import rocq_proof
 from dobc_design.problem.canonical import problem_sha256
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 BUILTINS = ("paper-fixed", "paper-switching", "clock-sync", "microgrid-ieee14", "uav-swarm")
 COQC = shutil.which("coqc")
@@ -194,14 +187,11 @@ def test_the_problem_stands_in_the_file_number_by_number():
     assert "Axiom" not in code and "Admitted" not in code and "Parameter" not in code
 
 
-def test_every_mode_is_in_the_list_of_modes():
+def test_every_mode_is_in_the_list_of_modes_and_the_text_is_always_the_same():
     code = bare(rocq_proof(certificate_of("paper-switching")))
     assert "Definition modes : list (list arc) := [arcs_1; arcs_2; arcs_3; arcs_4]." in code
     assert code.count("check_negative _ _ _ Psi_checked_") == 4
     assert len(re.findall(r"Arc \d+ \d+", code)) == 10 + 20 + 20 + 30
-
-
-def test_the_same_certificate_gives_the_same_text():
     assert rocq_proof(certify("paper-fixed")) == rocq_proof(certificate_of("paper-fixed"))
 
 
@@ -241,10 +231,18 @@ def test_only_what_is_proved_is_exported(problem, what):
         rocq_proof(certify(problem))
 
 
-def test_a_certificate_of_another_problem_is_refused():
+def test_what_does_not_apply_or_is_not_claimed_is_refused():
     other = replace(certificate_of("paper-fixed"), problem=certificate_of("clock-sync").problem)
     with pytest.raises(SpecError, match="about another problem"):
         rocq_proof(other)
+    certificate = certify(cycle(exosystem=EXOSYSTEM, coupling="clip(y, -1, 1)"))
+    checks = tuple(replace(check, verdict=Verdict.PROVED) for check in certificate.checks)
+    with pytest.raises(SpecError, match=r"cannot be exported: does not apply: .* uses clip"):
+        rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)))
+    certificate = certificate_of("paper-fixed")
+    checks = tuple(replace(check, rate=None) for check in certificate.checks)
+    with pytest.raises(SpecError, match="claims no decay rate for theorem1"):
+        rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)), rate=True)
 
 
 @pytest.mark.parametrize(
@@ -263,30 +261,13 @@ def test_matrices_that_prove_nothing_are_refused(change, what):
         rocq_proof(replace(certificate, claims=claims))
 
 
-def test_problems_that_would_keep_coq_busy_for_hours_are_refused():
+def test_problems_and_fractions_that_would_keep_coq_busy_for_hours_are_refused(monkeypatch):
     with pytest.raises(SpecError, match=r"at most 150 rows.*it has 153"):
         rocq_proof(certify(cycle(51, exosystem=EXOSYSTEM, coupling="y")))
-
-
-def test_fractions_that_would_keep_coq_busy_for_hours_are_refused(monkeypatch):
     monkeypatch.setattr("dobc_design.export.rocq.LARGEST_WORK", 10**6)
     assert rocq_proof(certify(cycle(exosystem=EXOSYSTEM, coupling="y")))
     with pytest.raises(SpecError, match="too long for Coq"):
         rocq_proof(certificate_of("paper-fixed"))
-
-
-def test_a_theorem_that_does_not_apply_is_refused_even_if_the_certificate_claims_it():
-    certificate = certify(cycle(exosystem=EXOSYSTEM, coupling="clip(y, -1, 1)"))
-    checks = tuple(replace(check, verdict=Verdict.PROVED) for check in certificate.checks)
-    with pytest.raises(SpecError, match=r"cannot be exported: does not apply: .* uses clip"):
-        rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)))
-
-
-def test_a_rate_that_is_not_claimed_is_refused():
-    certificate = certificate_of("paper-fixed")
-    checks = tuple(replace(check, rate=None) for check in certificate.checks)
-    with pytest.raises(SpecError, match="claims no decay rate for theorem1"):
-        rocq_proof(replace(certificate, claims=replace(certificate.claims, checks=checks)), rate=True)
 
 
 def refused_by_the_kernel(text, folder):

@@ -1,17 +1,13 @@
 """Sampled observers and networks, decided exactly; the oracle is NumPy's spectrum away from the border."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
+from dobc_design import Network, Problem, Verdict
 from dobc_design.exact.matrix import matrix
 from dobc_design.export.c_controller import longest_period, sampled_network_statement, sampled_observer_statement
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 
 def decided(F: list[list[object]]) -> Verdict:

@@ -1,7 +1,5 @@
 """The LMI as an SDPA file: read back, solved by others, the same verdict."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from fractions import Fraction
@@ -10,13 +8,10 @@ import numpy as np
 import pytest
 
 import dobc_design as dd
+from dobc_design import Exosystem, Network, Problem, load_problem
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.export.matrices import normalisation, sdpa_text
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_dense
 from dobc_design.solvers.program import Program
 

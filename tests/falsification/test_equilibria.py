@@ -1,7 +1,5 @@
 """The quick search for a second equilibrium in the region asked for."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import mpmath

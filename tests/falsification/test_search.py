@@ -1,7 +1,5 @@
 """The search against regions and certified sets: what it has to find, and what it must never find."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -136,13 +134,6 @@ def test_a_certified_set_of_agents_with_different_exosystems_is_not_contradicted
     assert LEAVES in {suspect.kind for suspect in twin.suspects}
 
 
-def test_one_pin_on_the_ten_cycle_is_never_contradicted():
-    """Theory, known answers: k = 5, |e|_inf <= 4."""
-    found = dd.falsify(cycle(), runs=200, certified=certificate_of(cycle(), F(4)))
-    assert found.suspects == ()
-    assert found.observed_rate == pytest.approx(0.22, abs=0.03)
-
-
 def test_a_rate_that_is_too_high_is_contradicted():
     """Twin: the same set with 1/4 in place of 0.108; the slowest decay that is seen is about 0.22."""
     claim = replace(certificate_of(cycle(), F(4)), alpha=F(1, 4))
@@ -238,8 +229,8 @@ def test_the_ascent_never_ends_lower_than_it_began(seed: int):
 
 def test_the_same_seed_gives_the_same_search_and_another_one_other_starts():
     problem = listening_pair()
-    first, again = (dd.falsify(problem, runs=20, seed=5) for _ in range(2))
-    other = dd.falsify(problem, runs=20, seed=6)
+    first, again = (dd.falsify(problem, runs=8, seed=5) for _ in range(2))
+    other = dd.falsify(problem, runs=8, seed=6)
     assert str(first) == str(again)
     assert all(np.array_equal(a.start, b.start) for a, b in zip(first.suspects, again.suspects, strict=True))
     assert [s.start.tolist() for s in first.suspects] != [s.start.tolist() for s in other.suspects]

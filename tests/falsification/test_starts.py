@@ -1,7 +1,5 @@
 """Certified sets and starts: V against its definition, where starts lie, where runs end and which of them stall."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
@@ -76,20 +74,14 @@ def test_starts_lie_on_the_boundary_some_of_them_without_a_disturbance(claim, tr
     assert back_eps == pytest.approx(eps, rel=1e-12)
 
 
-def test_without_an_observers_matrix_starts_have_no_disturbance():
+def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem():
     claim = Lure(P_e=FULL, ranges=(), radius=F(1), level=F(5))
     starts = sets.Boundary(level=sets.level_of(problem(), claim), loop=make_loop(problem(), None))
     assert not np.any(starts.draw(np.random.default_rng(1), 10, sets.RANDOM)[1])
-
-
-def test_what_holds_everywhere_is_looked_at_up_to_one():
     everywhere = Separable(v=(F(1), F(2), F(3)), alpha=F(1), rho=None)
     assert sets.level_of(problem(0), everywhere).value(np.array([[1.0], [0], [0]]), np.zeros((3, 0, 1))) == [1.0]
     linear = Lure(P_e=identity(3), ranges=(), radius=None, level=None)
     assert sets.level_of(problem(0), linear).value(np.array([[0.0], [0], [1]]), np.zeros((3, 0, 1))) == [1.0]
-
-
-def test_a_certificate_of_another_problem_is_refused():
     with pytest.raises(SpecError, match="one v per agent"):
         sets.level_of(cycle(5, 3), SEPARABLE)
     with pytest.raises(SpecError, match="P_e of 5 rows"):
@@ -215,23 +207,17 @@ def test_the_observers_error_decays_on_the_way():
         assert runs.values[:, run] == pytest.approx(np.abs(answer.y).sum(axis=0), abs=1e-7)
 
 
-def test_runs_stall_on_the_far_side_of_the_saddle_only():
+def test_runs_stall_diverge_or_are_slow():
     """Two agents, sin, k = 1/10: e = (-x, x) converges for x below 1.65387 and not above."""
     runs = settled(listening_pair(), [-SADDLE + 1e-3, SADDLE - 1e-3], [-SADDLE - 1e-3, SADDLE + 1e-3])
     assert runs.stalled.tolist() == [False, True]
     assert runs.diverged.tolist() == [False, False]
     assert np.max(np.abs(runs.ends[:, 1])) == pytest.approx(float(half_difference(6.0)), abs=1e-3)
-
-
-def test_runs_that_leave_every_bound_have_diverged():
-    """Two agents that repel each other; the pins are too weak."""
+    # Two agents that repel each other; the pins are too weak.
     runs = settled(listening_pair("-y - y**3"), [1.0, -1.0], [0.0, 0.0], horizon=20.0)
     assert runs.diverged.tolist() == [True, False]
     assert runs.stalled.tolist() == [True, False]
-
-
-def test_slow_runs_do_not_stall():
-    """k = 1/10 and a linear coupling: exp(-t/10) is slow, and falls all the time."""
+    # k = 1/10 and a linear coupling: exp(-t/10) is slow, and falls all the time.
     runs = settled(listening_pair("y"), [1.0, 1.0], horizon=20.0)
     assert runs.error[-1, 0] == pytest.approx(np.exp(-2), rel=1e-6)
     assert not runs.stalled[0]

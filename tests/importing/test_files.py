@@ -1,7 +1,5 @@
 """Files of arcs, and what decides how a file is read."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

@@ -1,7 +1,5 @@
 """Power grids: MATPOWER cases and pandapower networks, against the susceptances of a load flow."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
@@ -119,12 +117,9 @@ def test_reactances_that_the_case_turns_from_ohms_into_per_unit_are(tmp_path):
             imported(tmp_path, wide + OHM.replace(old, new))
 
 
-def test_a_table_in_a_block_comment_is_no_table(tmp_path):
+def test_a_block_comment_is_no_table_and_nothing_is_executed(tmp_path):
     hidden = CASE + "%{\nmpc.branch = [ 10 20 0 9 0 0 0 0 0 0 1 ];\n %}\n"
     assert imported(tmp_path, hidden).network == imported(tmp_path, CASE).network
-
-
-def test_nothing_in_a_case_file_is_executed(tmp_path):
     hostile = CASE.replace("4e-1", "__import__('os').system('touch " + str(tmp_path / "hacked") + "')")
     with pytest.raises(SpecError, match=r"mpc.branch\(3,4\) must be a number"):
         imported(tmp_path, hostile)

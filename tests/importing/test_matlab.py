@@ -1,7 +1,5 @@
 """MATLAB files written by SciPy, read as problems."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

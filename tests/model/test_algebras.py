@@ -1,7 +1,5 @@
 """The expression tree in CasADi and in SymPy means what it means in NumPy."""
 
-from __future__ import annotations
-
 import re
 
 import casadi as ca

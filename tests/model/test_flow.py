@@ -1,7 +1,5 @@
 """The flow of the error system and its gradient, against SciPy's integrator and difference quotients."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, random_problem

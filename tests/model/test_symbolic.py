@@ -4,8 +4,6 @@ Every matrix entry, state and input is a free symbol, so a residual that expands
 size.  h(e) stands as J e with a free J, which is exact with the averaged Jacobian (mean value theorem).
 """
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from typing import Any
 

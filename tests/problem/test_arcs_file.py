@@ -1,7 +1,5 @@
 """Arcs from files: CSV, edge lists and GraphML mean what the same arcs in the problem file mean."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 
@@ -49,10 +47,6 @@ def test_csv_may_have_a_header_a_byte_order_mark_blanks_and_quotes(tmp_path, con
 def test_csv_weights_are_exact(tmp_path):
     arcs = read(tmp_path, "a,b,0.1\nb,c,9/16\nc,d,1e-3\n")
     assert arcs.weights == (Fraction(1, 10), Fraction(9, 16), Fraction(1, 1000))
-
-
-def test_arrow_says_which_column_listens(tmp_path):
-    assert triples(read(tmp_path, "a,b\n", arrow="sends_to")) == [("b", "a", ONE)]
 
 
 def test_agents_called_from_and_to_are_agents_and_no_header(tmp_path):

@@ -1,12 +1,11 @@
 """Float arrays of a problem, and the choice of mode and gain."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
+from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.problem.arrays import (
     arc_groups,
@@ -20,10 +19,6 @@ from dobc_design.problem.arrays import (
     pinning_matrix,
     required_gain,
 )
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 
 def triangle(**settings) -> Problem:
@@ -39,31 +34,30 @@ def two_modes() -> Problem:
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 
 
-def test_the_first_mode_is_the_default():
+def test_the_first_mode_is_the_default_and_an_unknown_one_is_refused_with_those_that_exist():
     assert chosen_mode(two_modes(), None) == "a"
     assert chosen_mode(two_modes(), "b") == "b"
-
-
-def test_an_unknown_mode_is_refused_with_those_that_exist():
     with pytest.raises(SpecError, match=r"mode must be one of the problem's modes \(a, b\); got 'c'"):
         chosen_mode(two_modes(), "c")
 
 
-def test_a_gain_that_is_handed_over_wins():
+def test_a_gain_that_is_handed_over_wins_and_may_have_more_digits_than_a_problem_file_may():
     problem = triangle(exosystem=EXOSYSTEM, observer=Observer(W=[[1], [2]]))
     assert chosen_gain(problem, None) == ((1,), (2,))
     assert chosen_gain(problem, [["16/5"], [3]]) == ((Fraction(16, 5),), (3,))
     assert required_gain(problem, None).tolist() == [[1.0], [2.0]]
-
-
-def test_a_designed_gain_may_have_more_digits_than_a_problem_file_may():
     long = Fraction(3**900, 2**1400)
     assert chosen_gain(triangle(exosystem=EXOSYSTEM), ((long,), (long,))) == ((long,), (long,))
 
 
-def test_a_missing_gain_is_refused_with_a_cure():
+def test_a_gain_that_is_missing_or_of_the_wrong_shape_or_without_an_exosystem_is_refused():
     with pytest.raises(SpecError, match=r"observer.W must be known .* no W\. Give W in \[observer\], or design one"):
         required_gain(triangle(exosystem=EXOSYSTEM), None)
+    with pytest.raises(ShapeError, match=r"gain must have shape \(2, 1\), one row per exosystem state"):
+        chosen_gain(triangle(exosystem=EXOSYSTEM), [[1, 2]])
+    with pytest.raises(SpecError, match="gain has no meaning without an"):
+        chosen_gain(triangle(), [[1]])
+    assert pinning_matrix(triangle()).nnz == 0
 
 
 def test_without_an_exosystem_gain_and_exosystem_are_empty():
@@ -84,14 +78,11 @@ def test_arcs_are_grouped_by_coupling():
     assert (groups[1].listeners.tolist(), groups[1].speakers.tolist()) == ([0], [2])
 
 
-def test_a_coupling_that_no_arc_of_the_mode_uses_makes_no_group():
+def test_what_no_arc_of_the_mode_uses_makes_no_group():
     network = Network.from_arcs({"a": [[1, 2]], "b": [[2, 1]]}, arrow="listens_to")
     problem = Problem(network=network, coupling="y", exceptions={(0, 1): "sin(y)"})
     assert [group.coupling.texts for group in arc_groups(problem, "a")] == [("sin(y)",)]
     assert [group.coupling.texts for group in arc_groups(problem, "b")] == [("y",)]
-
-
-def test_a_mode_without_arcs_has_no_groups():
     problem = Problem(network=Network.from_arcs({"a": [[1, 2]], "b": []}, arrow="listens_to"), coupling="y")
     assert arc_groups(problem, "b") == ()
     assert consensus_jacobian(problem, "b").nnz == 0
@@ -105,24 +96,23 @@ def test_differences_and_their_sums_follow_the_arcs():
     assert (gathering_matrix(group, 3) @ [9, 90, 99]).tolist() == [3 * 9 + 99, 90, 0]
 
 
-def test_scalar_gains_give_the_kronecker_product_of_the_paper():
+def test_gains_stand_on_the_diagonal():
     """K (x) I_m of (9)."""
     problem = triangle(target=[0, 0], gains={"1": 5, "3": "9/16"})
     expected = np.kron(np.diag([5, 0, 9 / 16]), np.eye(2))
     assert np.array_equal(pinning_matrix(problem).toarray(), expected)
-
-
-def test_matrix_gains_stand_on_the_diagonal():
     problem = triangle(target=[0, 0], gains={"2": [[1, -2], [2, 3]]})
     expected = np.zeros((6, 6))
     expected[2:4, 2:4] = [[1, -2], [2, 3]]
     assert np.array_equal(pinning_matrix(problem).toarray(), expected)
 
 
-def test_the_jacobian_at_the_consensus_is_minus_the_laplacian_of_the_gains():
+def test_the_jacobian_at_the_consensus_is_minus_the_laplacian_of_the_gains_where_there_is_one():
     """(11) at e = 0, by hand: gains 6, 2 and 1."""
     expected = [[-7, 6, 1], [0, -2, 2], [0, 0, 0]]
     assert consensus_jacobian(triangle(exceptions={(0, 2): "sin(y)"}), "G").toarray().tolist() == expected
+    assert consensus_jacobian(triangle(exceptions={(0, 2): "y + abs(y)"}), "G") is None
+    assert consensus_jacobian(triangle(exceptions={(0, 2): "clip(y, -1, 1)"}), "G") is not None
 
 
 def test_the_jacobian_of_a_vector_coupling_has_full_blocks():
@@ -131,16 +121,3 @@ def test_the_jacobian_of_a_vector_coupling_has_full_blocks():
     block = np.array([[1.0, 2.0], [3.0, 0.0]])
     expected = np.block([[-block, block], [np.zeros((2, 4))]])
     assert np.array_equal(consensus_jacobian(problem, "G").toarray(), expected)
-
-
-def test_a_kink_at_zero_leaves_no_jacobian():
-    assert consensus_jacobian(triangle(exceptions={(0, 2): "y + abs(y)"}), "G") is None
-    assert consensus_jacobian(triangle(exceptions={(0, 2): "clip(y, -1, 1)"}), "G") is not None
-
-
-def test_a_gain_of_the_wrong_shape_or_without_an_exosystem_is_refused():
-    with pytest.raises(ShapeError, match=r"gain must have shape \(2, 1\), one row per exosystem state"):
-        chosen_gain(triangle(exosystem=EXOSYSTEM), [[1, 2]])
-    with pytest.raises(SpecError, match="gain has no meaning without an"):
-        chosen_gain(triangle(), [[1]])
-    assert pinning_matrix(triangle()).nnz == 0

@@ -3,8 +3,6 @@
 The cases stand in ``tests/support/bad_files.py``; the reader is given each as a file in a folder of its own.
 """
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

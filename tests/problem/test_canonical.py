@@ -1,7 +1,5 @@
 """problem.json: a function of the problem alone, read back exactly, and safe to read from anybody."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from fractions import Fraction
@@ -11,14 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_problems import random_problem
 
+from dobc_design import Exosystem, Network, Observer, Problem, Switching
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical, problem_sha256
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import builtin_names, load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
 
 
 def network(weight: float) -> Network:
@@ -91,16 +85,13 @@ def test_the_bytes_are_utf_8_json_with_sorted_keys_and_no_white_space():
     assert data == json.dumps(parsed, sort_keys=True, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
 
 
-def test_the_arrow_of_the_user_leaves_no_trace():
+def test_the_arrow_and_the_way_a_number_is_typed_leave_no_trace():
     """Arcs are stored as listens_to index triples."""
     sends = Network.from_arcs({"G": [(2, 1)]}, arrow="sends_to", agents=2)
     listens = Network.from_arcs({"G": [(1, 2)]}, arrow="listens_to", agents=2)
     texts = [canonical_bytes(Problem(network=network, coupling="y")) for network in (sends, listens)]
     assert texts[0] == texts[1]
     assert json.loads(texts[0])["modes"] == [{"name": "G", "arcs": [[0, 1, "1"]]}]
-
-
-def test_the_way_a_number_is_typed_leaves_no_trace():
     hashes = {problem_sha256(Problem(**PARTS | {"target": value})) for value in (3.2, "16/5", "3.20", Fraction(16, 5))}
     assert len(hashes) == 1
 
@@ -144,28 +135,19 @@ def test_what_is_no_problem_json_is_refused(data, message):
         (("notes",), ["\ud800"], r"notes\[0\] must be text"),
         (("labels",), ["a", "b", 3], "labels must be text"),
         (("dimension",), 2, "dimension must be the number of state components, 1; got 2"),
-        (("target",), ["1/0"], "denominator"),
         (("target",), [], "1 number"),
-        (("modes",), [], "at least one mode"),
         (("modes", 0, "name"), 5, r"modes\[0\]\.name must be text"),
         (("modes", 1, "name"), "A", "different from the others; got 'A'"),
         (("modes", 0, "arcs", 0), [0, 1], r"must be \[listener, speaker, weight\]"),
         (("modes", 0, "arcs", 0), [0, 10**30, "1"], "too large"),
         (("modes", 0, "arcs", 0), [0, -1, "1"], "leaves the graph"),
-        (("modes", 0, "arcs", 0), [1, 2, "1"], "duplicate"),
         (("modes", 0, "arcs", 0, 2), 1, "must be text"),
-        (("modes", 0, "arcs", 0, 2), "0", "must be > 0"),
         (("coupling", "h"), None, "must be an expression"),
-        (("coupling", "h"), "y + 1", "must vanish"),
         (("coupling", "exceptions", 0, "arc"), [0], "a list of 2"),
         (("coupling", "exceptions", 0, "arc"), [-1, 1], "must be the index of an agent; got -1"),
-        (("coupling", "exceptions", 0, "arc"), [1, 0], "no mode has the arc"),
         (("coupling", "exceptions", 0, "h"), {"y": 1}, "must be an expression"),
         (("gains",), [[0, [["1"]]], [0, [["2"]]]], "not listed already"),
-        (("gains", 0, 1), [["-1"]], "k \\+ k' >= 0"),
         (("exosystem",), {"A": [["1"]]}, "exosystem must be an object with the keys A, C"),
-        (("observer", "W"), [["1"]], "must have shape"),
-        (("region", "initial_states"), None, "must be a pair"),
         (("simulation",), None, "simulation must be an object"),
     ],
 )

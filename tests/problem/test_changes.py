@@ -1,7 +1,5 @@
 """Keys of a problem set anew: in memory and in the text of its file, always the same problem."""
 
-from __future__ import annotations
-
 import tomllib
 from fractions import Fraction
 from pathlib import Path
@@ -50,12 +48,9 @@ def test_what_is_written_means_the_same_number():
             assert parse_number(typed_number(value), key="k") == value
 
 
-def test_values_are_toml():
+def test_changes_are_told_as_a_file_would_hold_them():
     value = {"1": 0.42, "a b": "9/16", 'é"': [[1, -2.5], ["1/3", 1e-07]]}
     assert tomllib.loads(f"x = {value_text(value)}")["x"] == value
-
-
-def test_changes_are_told_as_a_file_would_hold_them():
     changes = {"pinning.gains": {"1": 5}, "observer.W": [[1]], "observer.P": None, "target": [1, 2]}
     assert change_lines(changes) == [
         "target = [1, 2]",
@@ -66,9 +61,6 @@ def test_changes_are_told_as_a_file_would_hold_them():
         "# remove observer.P",
     ]
     assert tomllib.loads("\n".join(change_lines(changes)))["pinning"] == {"gains": {"1": 5}}
-
-
-def test_a_long_table_is_cut_and_says_so():
     (_, line) = change_lines({"pinning.gains": {str(i): 1 for i in range(1, 31)}})
     assert line.endswith("9 = 1, ... }  # 21 more")
 
@@ -104,16 +96,13 @@ def test_a_change_that_removes_the_observer_removes_its_gain_too():
     assert read(changed_file(problem, changes, text=TEXT, folder=Path())).observer == Observer()
 
 
-def test_comments_notes_and_order_stay():
+def test_comments_and_order_stay_a_missing_table_is_added_and_an_empty_one_goes():
     text = changed_file(load_problem("paper-fixed"), CHANGES[0], text=TEXT, folder=Path())
     before, after = TEXT.splitlines(), text.splitlines()
     assert len(after) == len(before)
     different = [(a, b) for a, b in zip(before, after, strict=True) if a != b]
     assert [a.split("=")[0].strip() for a, _ in different] == ["gains"]
     assert different[0][1] == 'gains = {3 = 0.25, 7 = "9/16"} # set by dobc certify --apply-fix'
-
-
-def test_a_table_that_is_missing_is_added_and_an_empty_one_goes():
     text = changed_text(TEXT.replace("[pinning]\ngains = { 1 = 5, 6 = 5 }", ""), {"pinning.gains": {"1": 1}})
     assert read(text).pinning.agents == (0,)
     assert "[observer]" not in changed_text(TEXT, {"observer.W": None, "observer.P": None})

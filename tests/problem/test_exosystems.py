@@ -1,14 +1,11 @@
 """Shapes of disturbances: exact matrices, observable, and the signals they are named after."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from scipy import linalg
 
-import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.observability import decide_observable
@@ -59,11 +56,6 @@ def test_stacked_gives_every_part_its_own_component():
     assert (two.order, two.outputs) == (3, 2)
     assert two.C == ((1, 0, 0), (0, 1, 0))
     assert two.A == ((0, 0, 0), (0, 0, 1), (0, 0, 0))
-
-
-def test_the_module_is_public():
-    assert dd.exosystems is shapes
-    assert set(shapes.__all__) <= set(dir(dd.exosystems))
 
 
 @pytest.mark.parametrize(

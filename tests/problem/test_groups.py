@@ -1,22 +1,17 @@
 """Groups of agents with an exosystem of their own, and kinds of exosystems, in problem files and in Python."""
 
-from __future__ import annotations
-
 import pickle
 from fractions import Fraction
 from pathlib import Path
 
 import pytest
 
+from dobc_design import Exosystem, Network, Problem, exosystems
 from dobc_design.errors import SpecError
-from dobc_design.problem import exosystems
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
 from dobc_design.problem.changes import changed_problem, changed_text, problem_text
-from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, block_diagonal, blocks_of, group_blocks, group_numbers
 from dobc_design.problem.load import read_problem_text
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.problem.words import describe, facts
 
 HEAD = """
@@ -78,15 +73,12 @@ rate = 2
     assert {group.observer.rate for group in problem.groups} == {Fraction(2)}
 
 
-def test_one_group_of_all_agents_is_the_plain_problem():
+def test_the_order_of_groups_does_not_matter_and_one_of_all_agents_is_the_plain_problem():
     grouped = read("[[exosystem.groups]]\nagents = [3, 1, 2, 4]\nA = [[0]]\nC = [[1]]\nW = [[2]]\n")
     plain = read("[exosystem]\nA = [[0]]\nC = [[1]]\n[observer]\nW = [[2]]\n")
     assert grouped == plain
     assert problem_sha256(grouped) == problem_sha256(plain)
     assert not grouped.is_grouped
-
-
-def test_the_order_of_groups_and_of_agents_in_the_file_does_not_matter():
     one = "[[exosystem.groups]]\nagents = [{}]\nA = [[{}]]\nC = [[1]]\n"
     first = read(one.format("1, 2", 0) + one.format("3, 4", -1))
     second = read(one.format("4, 3", -1) + one.format("2, 1", 0))
@@ -181,9 +173,6 @@ def test_a_disturbance_in_words_that_means_nothing_is_refused(text: str, message
 def test_a_kind_gives_every_state_component_a_disturbance_of_its_own():
     problem = read('[exosystem]\nkind = "ramp"\n', head="target = [1, 2]\n" + HEAD)
     assert problem.exosystem == exosystems.stacked(exosystems.ramp(), exosystems.ramp())
-
-
-def test_a_kind_beside_a_group_with_matrices_has_as_many_components_as_its_c():
     text = '[exosystem]\nkind = "constant"\n[[exosystem.groups]]\nagents = [1]\nA = [[0]]\nC = [[1], [2]]\n'
     assert [group.exosystem.outputs for group in read(text).groups] == [2, 2]
 
@@ -210,15 +199,12 @@ def test_a_p_is_given_for_every_group_or_for_none():
         read(text)
 
 
-def test_blocks_come_out_of_the_joint_matrix_they_went_into():
+def test_blocks_come_out_of_the_joint_matrix_and_every_agent_gets_that_of_its_group():
     one, other = ((Fraction(1), Fraction(2)),), ((Fraction(3),), (Fraction(4),))
     whole = block_diagonal([one, other])
     assert whole == ((1, 2, 0), (0, 0, 3), (0, 0, 4))
     assert blocks_of(whole, [(1, 2), (2, 1)]) == (one, other)
     assert blocks_of(((1, 2, 5), *whole[1:]), [(1, 2), (2, 1)]) is None
-
-
-def test_every_agent_gets_the_block_of_its_group():
     problem = read(TWO)
     S = ((Fraction(1), Fraction(0)), (Fraction(0), Fraction(2)))
     blocks = group_blocks(S, len(problem.groups))

@@ -1,7 +1,5 @@
 """The shipped problems: they load, introduce themselves, and a file of the same name wins."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -33,17 +31,13 @@ def test_stand_ins_of_the_papers_problems_are_labelled(name):
     assert any("Stand-in" in note and "no gains K" in note for note in load_problem(name).notes)
 
 
-def test_a_file_of_that_name_in_the_current_folder_wins(tmp_path, monkeypatch):
+def test_a_file_of_that_name_in_the_current_folder_wins_and_a_path_is_never_a_built_in_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert load_problem("paper-fixed").name == "paper-fixed"
-    Path("paper-fixed").write_text(VALID, encoding="utf-8")
-    assert load_problem("paper-fixed").name == "four-agents"
-
-
-def test_a_path_is_never_a_built_in_name(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(SpecError, match="there is no file"):
         load_problem(Path("paper-fixed"))
+    Path("paper-fixed").write_text(VALID, encoding="utf-8")
+    assert load_problem("paper-fixed").name == "four-agents"
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("paper-fixd", "paper-fixed"), ("uav_swarm", "uav-swarm")])

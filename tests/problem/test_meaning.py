@@ -1,30 +1,30 @@
 """What a problem means in words, and slips: each is named, and a sound problem draws no remark."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
 import pytest
 
-from dobc_design.problem import exosystems
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
+from dobc_design import Exosystem, Network, Observer, Problem, Switching, exosystems
 from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.meaning import disturbance_words, remarks, time_words
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
 
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 CHAIN = [(1, 2), (2, 3), (3, 4)]
+
+
+def heard(arcs: Any, n: int = 4) -> dict[str, Any]:
+    return {"network": Network.from_arcs(arcs, arrow="listens_to", agents=n)}
+
+
+STARTS = {"initial_states": [0, 2], "initial_disturbance": "1/2"}
 SOUND: dict[str, Any] = {
-    "network": Network.from_arcs(CHAIN, arrow="listens_to", agents=4),
+    **heard(CHAIN),
     "coupling": "tanh(y)",
     "gains": {4: 2},
     "target": 1,
     "exosystem": SINE,
-    "region": {"initial_states": [0, 2], "initial_disturbance": "1/2"},
+    "region": STARTS,
 }
 
 
@@ -78,21 +78,9 @@ SLIPS: tuple[tuple[str, dict[str, Any], str], ...] = (
         "with the other network.arrow",
     ),
     ("a deaf pin", {"gains": {1: 2}}, "Agent 1 is pinned, but nobody listens to it"),
-    (
-        "an empty mode",
-        {"network": Network.from_arcs({"a": CHAIN, "b": []}, arrow="listens_to", agents=4)},
-        "In mode b nobody listens",
-    ),
-    (
-        "a mode twice",
-        {"network": Network.from_arcs({"a": CHAIN, "b": CHAIN}, arrow="listens_to", agents=4)},
-        "Modes a and b have the same arcs",
-    ),
-    (
-        "a weight in another unit",
-        {"network": Network.from_arcs([(1, 2), (2, 3), (3, 4, 5_000_000)], arrow="listens_to", agents=4)},
-        "weights of the arcs differ",
-    ),
+    ("an empty mode", heard({"a": CHAIN, "b": []}), "In mode b nobody listens"),
+    ("a mode twice", heard({"a": CHAIN, "b": CHAIN}), "Modes a and b have the same arcs"),
+    ("a weight in another unit", heard([(1, 2), (2, 3), (3, 4, 5_000_000)]), "weights of the arcs differ"),
     ("a gain in another unit", {"gains": {4: 2, 3: 3_000_000}}, "gains differ by more than a factor of a million"),
     ("a sign in h", {"coupling": "-tanh(y)"}, "repels near 0"),
     ("a cube", {"coupling": "y**3"}, "vanishes to first order"),
@@ -107,11 +95,7 @@ SLIPS: tuple[tuple[str, dict[str, Any], str], ...] = (
     ("a target outside", {"target": 5}, "The target 5 is outside region.initial_states [0, 2]"),
     ("one start only", {"region": {"initial_states": [1, 1], "initial_disturbance": 1}}, "single point 1"),
     ("an offset outside", {"offsets": {2: 7}}, "The goal (target + offset) of 2 is outside"),
-    (
-        "no error allowed",
-        {"region": {"initial_states": [0, 2], "initial_disturbance": 0}},
-        "only if every observer starts",
-    ),
+    ("no error allowed", {"region": STARTS | {"initial_disturbance": 0}}, "only if every observer starts"),
     ("a sign in W", {"observer": Observer(W=[[-3], [1]])}, "estimation error does not decay"),
     ("a start outside", {"simulation": {"x0": [9]}}, "simulation.x0 is outside"),
     ("a run at rest", {"simulation": {"xi0": [0, 0]}}, "the simulated runs have no disturbance"),
@@ -127,16 +111,12 @@ SLIPS: tuple[tuple[str, dict[str, Any], str], ...] = (
     ),
     ("one sine twice", {"exosystem": exosystems.harmonics(["3.14", "3.1416"])}, "Is one frequency meant, typed twice?"),
     ("a row of zeros in C", {"exosystem": PLANE, "target": [1, 1]}, "acts on state component 2"),
-    ("an agent too many", {"network": Network.from_arcs(CHAIN, arrow="listens_to", agents=5)}, "without any arc: 5"),
-    (
-        "two chains",
-        {"network": Network.from_arcs([(1, 2), (3, 4)], arrow="listens_to", agents=4)},
-        "No path of arcs leads from a pinned agent to 1, 2",
-    ),
+    ("an agent too many", heard(CHAIN, 5), "without any arc: 5"),
+    ("two chains", heard([(1, 2), (3, 4)]), "No path of arcs leads from a pinned agent to 1, 2"),
     ("an offset forgotten", {"offsets": {2: "1/2", 3: "1/2"}}, "2, 3 have the same goal"),
     (
         "an error in another unit",
-        {"region": {"initial_states": [0, 2], "initial_disturbance": 5000}},
+        {"region": STARTS | {"initial_disturbance": 5000}},
         "initial_disturbance = 5000 and the width 2",
     ),
     ("a disturbance larger than asked", {"simulation": {"xi0": [3, 4]}}, "simulation.xi0 has length 5, more than"),

@@ -1,7 +1,5 @@
 """Networks from pairs, networkx graphs and sparse matrices: what an arc means is said by ``arrow`` alone."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import networkx as nx
@@ -26,13 +24,10 @@ def indices(*values: int) -> np.ndarray:
     return np.array(values, dtype=np.int64)
 
 
-def test_listens_to_makes_the_first_of_a_pair_the_listener():
+def test_listens_to_makes_the_first_of_a_pair_the_listener_and_sends_to_mirrors_every_arc():
     network = Network.from_arcs(CHAIN, arrow="listens_to")
     assert network.labels == ("a", "b", "c")
     assert arcs_of(network) == {("a", "b", Fraction(1)), ("b", "c", Fraction(5, 2))}
-
-
-def test_sends_to_mirrors_every_arc():
     listens, sends = (Network.from_arcs(CHAIN, arrow=arrow) for arrow in ("listens_to", "sends_to"))
     assert arcs_of(sends) == {(j, i, w) for i, j, w in arcs_of(listens)}
 
@@ -57,14 +52,11 @@ def test_the_label_1_and_the_label_quoted_1_are_one_label():
         Network.from_arcs([(1, 2)], arrow="listens_to", agents=[1, 2, "1"])
 
 
-def test_a_count_gives_labels_from_one_and_agents_without_arcs_are_kept():
+def test_a_count_gives_labels_from_one_and_a_mapping_one_mode_each_in_its_order():
     network = Network.from_arcs([(1, 2)], arrow="listens_to", agents=4)
     assert network.labels == ("1", "2", "3", "4")
     assert network.size == 4
     assert network.index == {"1": 0, "2": 1, "3": 2, "4": 3}
-
-
-def test_a_mapping_gives_one_mode_each_in_its_order():
     network = Network.from_arcs({"B": [(1, 2)], "A": [(2, 1)]}, arrow="listens_to", agents=2)
     assert list(network.modes) == ["B", "A"]
 

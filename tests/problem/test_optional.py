@@ -1,19 +1,14 @@
 """Optional arcs: any of them may come and go at any time, so a mode stands for every subset."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
 import pytest
 
-from dobc_design.certification.certify import certify
+from dobc_design import Problem, Switching, Verdict, certify
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.load import read_problem_text
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
-from dobc_design.verdict import Verdict
 
 HEAD = 'name = "p"\n[network]\nagents = 3\narrow = "sends_to"\n[network.modes]\n'
 TAIL = '[coupling]\nh = "y"\n[pinning]\ngains = { 1 = 1 }\n'

@@ -1,7 +1,5 @@
 """Problem from Python: exact, frozen, and every mistake named by the key of the problem file."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import pickle
@@ -18,13 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_problems import random_problem
 
+from dobc_design import Exosystem, Network, Observer, Pinning, Problem, load_problem
 from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import ExpressionError, ShapeError, SpecError
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Pinning, Problem
 from dobc_design.problem.settings import Region, Simulation, Switching
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c")], arrow="listens_to")

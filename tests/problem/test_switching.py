@@ -1,7 +1,5 @@
 """[switching] and simulation.x0: every key there and back, what each signal may have, and words for people."""
 
-from __future__ import annotations
-
 import json
 import pickle
 from fractions import Fraction
@@ -10,15 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dobc_design import Network, Problem, simulate
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import read_problem_text
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import KEYS, SIGNALS, Switching
 from dobc_design.problem.words import describe, facts
-from dobc_design.simulation.runs import simulate
 
 MODES = ("Ga", "Gb", 'a."b"')
 NETWORK = Network.from_arcs({name: [[1, 2], [2, 3]] for name in MODES}, arrow="listens_to", agents=3)

@@ -1,7 +1,5 @@
 """A problem in words: who listens to whom, who is pinned, who is not reached."""
 
-from __future__ import annotations
-
 import json
 
 import networkx as nx
@@ -9,13 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.conditions.consensus.network import cure_in_words
 from dobc_design.problem.arrays import closed_groups, unreached
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
 from dobc_design.problem.load import builtin_names, load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.problem.words import describe, facts
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c", "1/2")], arrow="listens_to", agents=["a", "b", "c", "d"])

@@ -1,7 +1,5 @@
 """Certificates, diagnostics and runs made by hand, so that nothing but the report is under test."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from fractions import Fraction
@@ -11,6 +9,7 @@ import numpy as np
 import pytest
 from shown import HOSTILE
 
+from dobc_design import Certificate, Exosystem, Network, Observer, Problem, Region, Trajectory, Verdict
 from dobc_design.analysis.analysis import (
     Analysis,
     GraphFacts,
@@ -19,19 +18,11 @@ from dobc_design.analysis.analysis import (
     ObservabilityResult,
     SpectrumResult,
 )
-from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region
-from dobc_design.simulation.trajectory import Trajectory
-from dobc_design.verdict import Verdict
 
 
 def ring_problem(n: int = 10, **changes: Any) -> Problem:

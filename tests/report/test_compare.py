@@ -1,19 +1,15 @@
 """Two certificates side by side: what is the same, what differs, and nothing that a user wrote gets out of its cell."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 
 import pytest
 from shown import Page, compare_html, compare_markdown
 
+from dobc_design import Network, Observer, Verdict
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
 from dobc_design.report.comparison import comparison_document, conclusion, differences
 from dobc_design.report.document import Mark, Table
-from dobc_design.verdict import Verdict
 
 
 def ring(n: int, *, back: bool = False) -> list[tuple[int, int]]:

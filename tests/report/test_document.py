@@ -1,7 +1,5 @@
 """A block is stated once: every form shows it, but for those that it leaves out."""
 
-from __future__ import annotations
-
 import re
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Figures: what is drawn where, and that names are never read as mathematics."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree
 
 import numpy as np
@@ -57,19 +55,16 @@ def test_positions_are_reproducible_for_large_networks():
     assert np.array_equal(positions(pairs, 200), positions(pairs, 200))
 
 
-def test_the_arrow_points_at_the_listener():
-    """Agent 0 listens to agent 1, so information runs from 1 to 0: the head is near 0."""
-    places = np.array([[-1.0, 0.0], [1.0, 0.0]])
-    ax = draw_network(new_axes(), labels=["a", "b"], arcs=[(0, 1)], places=places)
-    heads = next(patch for patch in ax.patches if patch.get_edgecolor()[3] == 0)
-    assert heads.get_path().vertices[:, 0].max() < -0.5
-
-
-def test_pinned_and_unreached_agents_look_different():
+def test_the_arrow_points_at_the_listener_and_pinned_and_unreached_agents_look_different():
     settings = {"labels": ["a", "b", "c"], "places": positions(ring(3), 3), "pinned": [0], "unreached": {2}}
     ax = draw_network(new_axes(), arcs=[(0, 1)], **settings)
     assert len({patch.get_facecolor()[:3] for patch in ax.patches}) >= 2
     assert any(patch.get_linestyle() not in ("solid", "-") for patch in ax.patches)
+    # Agent 0 listens to agent 1, so information runs from 1 to 0: the head is near 0.
+    places = np.array([[-1.0, 0.0], [1.0, 0.0]])
+    ax = draw_network(new_axes(), labels=["a", "b"], arcs=[(0, 1)], places=places)
+    heads = next(patch for patch in ax.patches if patch.get_edgecolor()[3] == 0)
+    assert heads.get_path().vertices[:, 0].max() < -0.5
 
 
 def test_labels_lose_what_they_share():
@@ -105,11 +100,8 @@ def test_an_svg_is_xml_with_own_identifiers_variables_and_its_alternative():
     assert "<style" not in text
 
 
-def test_names_are_not_read_as_mathematics():
+def test_names_are_not_read_as_mathematics_and_powers_of_ten_are_written_out():
     text = svg_text(lambda ax: figures.plot_lambda(ax, {"$\\frac{$": [-1.0], "<b>": [-2.0]}), name="x", alt="x")
     assert "$\\frac{$" in text
     assert "&lt;b&gt;" in text
-
-
-def test_powers_of_ten_are_written_out():
     assert [look.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == ["10⁻³", "0.1", "1", "10", "10¹²"]

@@ -1,7 +1,5 @@
 """The page: complete, well-formed, without network, harmless with hostile names, bounded in size."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import re
@@ -11,10 +9,9 @@ from typing import Any
 import pytest
 from shown import Page, compare_html, html_report
 
+from dobc_design import Network, Verdict
 from dobc_design.conditions.check import Check, Fix, Values, Witness
-from dobc_design.problem.network import Network
 from dobc_design.report.words import sentence
-from dobc_design.verdict import Verdict
 
 HOSTILE = "<script>alert('\"&$x_1$')</script>"
 
@@ -71,15 +68,12 @@ def test_nothing_comes_from_the_network_and_nothing_runs(everything: dict[str, A
     assert not names & {"script", "link", "img", "iframe", "object", "embed", "form", "base"}
 
 
-def test_every_picture_is_there_and_has_words_of_its_own(page: Page):
-    words = [picture["aria-label"] for picture in page.having("svg")]
-    assert len(set(words)) == len(words) == 7  # network, three spectra, states, estimates, error
-
-
-def test_formulas_are_mathml(page: Page):
+def test_formulas_are_mathml_and_every_picture_has_words_of_its_own(page: Page):
     assert len(page.having("math")) > 15
     assert any(a.get("class") == "matrix" for a in page.having("mtable"))
     assert "\\begin" not in page.text
+    words = [picture["aria-label"] for picture in page.having("svg")]
+    assert len(set(words)) == len(words) == 7  # network, three spectra, states, estimates, error
 
 
 def test_every_check_appears_with_its_reason_witness_and_cure(page: Page, everything: dict[str, Any]):

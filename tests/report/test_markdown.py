@@ -1,7 +1,5 @@
 """The Markdown text: every check, formulas, and names that cannot break out of their place."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from typing import Any

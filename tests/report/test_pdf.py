@@ -1,7 +1,5 @@
 """The PDF: user text stays text, numbers stay exact, nothing leaves the page, the same input gives the same bytes."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -15,12 +13,8 @@ from typing import Any
 import pytest
 from shown import HOSTILE, pdf_content
 
-from dobc_design.certification.certify import certify
+from dobc_design import Exosystem, Group, Network, Observer, Problem, certify
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.report import content as of_report
 from dobc_design.report.content import report_document
 from dobc_design.report.document import Picture

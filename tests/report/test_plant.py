@@ -1,7 +1,5 @@
 """What the plant may add, in the report: assumptions, bounds, inputs, tolerance; nothing where nothing is asked."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from fractions import Fraction
@@ -9,13 +7,11 @@ from typing import Any
 
 import pytest
 
-from dobc_design.certification.certify import certify
+from dobc_design import Verdict, certify, load_problem
 from dobc_design.conditions.check import Check, Values
-from dobc_design.problem.load import load_problem
 from dobc_design.report.document import Beside, Section, Table, Text
 from dobc_design.report.plant import MOST_ROWS, plant_numbers, plant_section
 from dobc_design.report.write import render_report
-from dobc_design.verdict import Verdict
 
 BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
 TABLES = {"uncertainty": {"disturbance": "1/10", "weights": "1/50"}, "actuators": {"limit": {"1": 30}}}

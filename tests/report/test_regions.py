@@ -1,7 +1,5 @@
 """The report's section on regions: what is drawn is what is proved, and nothing is rounded to the better side."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path
@@ -12,13 +10,12 @@ import pytest
 from matplotlib.figure import Figure
 from shown import html_report, markdown_report
 
+from dobc_design import Network, Verdict
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
 from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.plotting.regions import plot_regions, plot_starts, region_sheet
-from dobc_design.problem.network import Network
 from dobc_design.report.pictures import region_pictures, svg_of
 from dobc_design.report.region_words import asked_sentence, regions_table, rest_sentence, timing_sentences, upper
-from dobc_design.verdict import Verdict
 
 BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
 
@@ -82,10 +79,18 @@ def test_rows_say_what_covers_and_why_not():
     assert rows(make(claim(covers=False), asked=None))[0]["covers it"] == "–"
 
 
-def test_where_nothing_is_asked_the_sentence_says_so():
+def test_where_nothing_is_asked_the_sentence_says_so_and_there_is_no_section(problem_with, certificate_of):
     assert asked_sentence(make(claim(), asked=None)).endswith("the largest that was found is shown.")
     assert asked_sentence(make(NONE, asked=None)) == "No region was asked for."
     assert rows(make(NEAR, tolerance=None))[0]["settled after"] == "–"
+    problem = problem_with(
+        network=Network.from_arcs({"G": [(1, 2), (2, 1)]}, arrow="listens_to", agents=2), gains={1: 1}
+    )
+    local = check("theorem1", domain="consensus")
+    certificate = certificate_of(problem, checks=(local,))
+    page = html_report(certificate)
+    assert 'id="region"' not in page
+    assert "From which starts" not in markdown_report(certificate)
 
 
 def test_delays_and_sampling_have_a_sentence_each():
@@ -175,12 +180,15 @@ def test_pictures_exist_where_there_is_something_to_draw():
     assert "up to 4, for some agents up to 6.65." in starts.caption
 
 
-def test_the_figure_is_a_file_by_itself_and_always_the_same():
+def test_the_figure_is_a_file_by_itself_also_by_its_public_function(asked_for: dict[str, Any], tmp_path: Path):
     regions = make(claim(), BALL, name="<a> & $x_1$")
     picture = region_sheet(regions).file("svg")
     assert picture == region_sheet(regions).file("svg")
     assert "<a> & $x_1$" in [element.text for element in ElementTree.fromstring(picture).iter()]
     assert region_sheet(regions).file("png").startswith(b"\x89PNG")
+    sheet = asked_for["certificate"].plot()
+    assert len(sheet.figure.axes) == 2
+    assert sheet.save(tmp_path / "region.svg").read_bytes() == sheet.file("svg")
 
 
 def test_the_page_has_a_section_with_table_pictures_and_sentences(asked_for: dict[str, Any]):
@@ -190,12 +198,6 @@ def test_the_page_has_a_section_with_table_pictures_and_sentences(asked_for: dic
     assert section.group(1).count("<svg") == 2
     for words in ("Max-separable", "box", "yes", "late messages and sampling", "delays up to 0.02 s", "R/√10"):
         assert words.lower() in section.group(1).lower()
-
-
-def test_a_certificate_is_drawn_by_its_public_function(asked_for: dict[str, Any], tmp_path: Path):
-    sheet = asked_for["certificate"].plot()
-    assert len(sheet.figure.axes) == 2
-    assert sheet.save(tmp_path / "region.svg").read_bytes() == sheet.file("svg")
 
 
 def test_the_markdown_text_has_the_same_table(asked_for: dict[str, Any]):
@@ -215,14 +217,3 @@ def test_a_proof_that_covers_delays_and_sampling_does_not_exclude_them(asked_for
     page = html_report(dataclasses.replace(certificate, claims=claims))
     assert "messages without delay" not in page
     assert "late messages and sampling as far as their checks say" in page
-
-
-def test_without_a_region_there_is_no_section(problem_with, certificate_of):
-    problem = problem_with(
-        network=Network.from_arcs({"G": [(1, 2), (2, 1)]}, arrow="listens_to", agents=2), gains={1: 1}
-    )
-    local = check("theorem1", domain="consensus")
-    certificate = certificate_of(problem, checks=(local,))
-    page = html_report(certificate)
-    assert 'id="region"' not in page
-    assert "From which starts" not in markdown_report(certificate)

@@ -1,7 +1,5 @@
 """A settling time in the report: what proves it in rows, the envelope drawn, nothing rounded to the better side."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
@@ -60,7 +58,7 @@ def test_without_a_moving_box_one_certificate_covers_the_whole_time():
         assert words in str(section)
 
 
-def test_the_curve_drawn_is_the_certified_bound():
+def test_the_curve_drawn_is_the_certified_bound_and_said_in_words():
     ax = plot_envelope(Figure().add_subplot(), settling())
     curve = ax.lines[0]
     assert curve.get_ydata()[0] >= 1
@@ -68,9 +66,6 @@ def test_the_curve_drawn_is_the_certified_bound():
     assert np.array_equal(curve.get_ydata(), settling().envelope(curve.get_xdata()))
     assert ax.lines[1].get_xdata()[0] == 0.5  # where the certificate takes over
     assert ax.get_yscale() == "log"
-
-
-def test_the_picture_says_in_words_what_it_shows():
     (picture,) = envelope_pictures(settling())
     assert "from 1 down to 0.01 at 4.67" in picture.alt
     assert list(envelope_pictures(None)) == []

@@ -1,7 +1,5 @@
 """Traceability and reproduction: every check has its source and its deciders, fingerprints are those of files."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from pathlib import Path

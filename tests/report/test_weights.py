@@ -1,7 +1,5 @@
 """Weights that move under a guarantee, drawn: what is proved, phase by phase, and which modes are on beneath."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from types import SimpleNamespace
 

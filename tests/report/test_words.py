@@ -1,20 +1,13 @@
 """Numbers and sentences of the report."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dobc_design import Exosystem, Group, Network, Problem, Switching, certify
 from dobc_design._show.text import significant_towards_zero
-from dobc_design.certification.certify import certify
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
 from dobc_design.report import words
 from dobc_design.report.words import agents_table, domain_words, mode_sentences, names_in_words, number, pin_sentence
 from dobc_design.report.write import render_report

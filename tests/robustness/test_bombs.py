@@ -1,7 +1,5 @@
 """Hostile files for ``--start`` and for saved trajectories, and numbers beyond all floats: one message, exit 2."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import os

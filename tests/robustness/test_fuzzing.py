@@ -4,8 +4,6 @@
 `tests/evidence/run.py --fuzz-minutes 10` for ten.
 """
 
-from __future__ import annotations
-
 from itertools import islice
 
 import pytest

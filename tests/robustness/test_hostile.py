@@ -3,8 +3,6 @@
 The files themselves (pipes, devices, folders) are the business of ``test_machine``.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from fractions import Fraction

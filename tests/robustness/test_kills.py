@@ -1,7 +1,5 @@
 """Killed, interrupted, terminated: at every moment each file is the old one or the new one, and whole."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -4,8 +4,6 @@ Every case starts a real process.  It has to leave with the exit code of the con
 wrong, 4: the machine failed), name the key and the cure, show no traceback, and leave every old file as it was.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import json

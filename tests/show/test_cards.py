@@ -1,7 +1,5 @@
 """Every public noun and result shows itself: in Jupyter, at the prompt, small for large problems, text escaped."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re
@@ -20,7 +18,6 @@ import dobc_design as dd
 from dobc_design._show import cards as _display
 from dobc_design._show.cards import Card, Formula, html_of, latex_of, listed, plain
 
-ROOT = Path(__file__).resolve().parents[1]
 HOSTILE = "<script>alert('\"&')</script>"
 LONGEST_HTML, LONGEST_TEXT = 30_000, 4_000  # characters
 #: Classes of other packages, or of this one, that show themselves in a way of their own.
@@ -206,14 +203,11 @@ def test_results_are_shown_with_their_verdict_and_without_foreign_tags(small: dd
     assert 'class="dobc-verdict dobc-proved"' in pages[0]
 
 
-def test_mathematics_is_mathml_and_latex_at_once():
+def test_mathematics_is_mathml_and_latex_and_text_says_what_was_typed():
     exosystem = dd.Exosystem(A=[[0, 2], [-2, 0]], C=[["1/3", 0]])
     page, latex = exosystem._repr_html_(), exosystem._repr_latex_()
     assert page.count("<math") == 2
     assert latex.splitlines()[1] == r"$$ C = \begin{pmatrix} 0.33333 & 0 \end{pmatrix} $$"
-
-
-def test_text_at_the_prompt_says_what_was_typed():
     assert repr(dd.poles.Disk(centre="-7/2", radius=2)) == "Disk(centre=-7/2, radius=2)"
     assert repr(dd.Exosystem(A=[[0]], C=[[1]])) == "Exosystem(A=[[0]], C=[[1]])"
     network = dd.Network.from_arcs([[1, 2]], arrow="listens_to")

@@ -1,7 +1,5 @@
 """What public functions take: numbers with a type, and ``progress=True``, a bar where somebody can see it."""
 
-from __future__ import annotations
-
 import inspect
 import io
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Showing exact numbers: short ones exactly, long ones rounded, any size without a crash."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import pytest
@@ -27,13 +25,10 @@ def test_a_rational_is_shown_exactly_if_short_and_rounded_if_long(value: Fractio
     assert latex_number(value) == shown
 
 
-def test_rounding_for_display():
+def test_numbers_are_rounded_for_display_and_bounds_to_the_safe_side():
     assert significant(Fraction(2, 3)) == "0.6667"
     assert significant(0.5823004) == "0.5823"
     assert significant(None) == "–"
-
-
-def test_an_upper_bound_is_never_shown_smaller_than_it_is():
     assert shown.significant_away_from_zero(Fraction(2, 3)) == "0.6667"
     assert shown.significant_away_from_zero(Fraction(1, 3), 2) == "0.34"
     assert shown.significant_away_from_zero(0.5, 2) == "0.5"

@@ -1,7 +1,5 @@
 """What breaks first, and the longest sampling period, against borders known in closed form."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from loops import single

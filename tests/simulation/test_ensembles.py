@@ -1,7 +1,5 @@
 """Many runs side by side are the same runs one by one; one that goes wrong leaves the others in peace."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -9,10 +7,11 @@ import pytest
 from loops import ring, simulate, simulate_many
 from side_by_side import planar as drawn_planar
 
-from dobc_design import Fixed, Markov, Network, Periodic, Problem, RandomDwell, load_problem
+from dobc_design import Network, Problem, load_problem
 from dobc_design.errors import SpecError
 from dobc_design.simulation import columns, runs
 from dobc_design.simulation.setting import make_setting
+from dobc_design.simulation.signals import Fixed, Markov, Periodic, RandomDwell
 
 MARKOV = Markov(generator=[[-3, 1, 1, 1], [1, -3, 1, 1], [1, 1, -3, 1], [1, 1, 1, -3]])
 

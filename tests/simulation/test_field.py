@@ -1,7 +1,5 @@
 """The right-hand sides: the symbolic closed loop, what agents feel, and C exp(F t) against mpmath at 60 digits."""
 
-from __future__ import annotations
-
 import re
 from functools import partial
 

@@ -1,7 +1,5 @@
 """Simulation and model where agents have different exosystems, against the loop written out agent by agent."""
 
-from __future__ import annotations
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -106,7 +104,8 @@ def test_drawn_disturbances_stay_in_the_states_of_the_own_group_and_in_their_bal
     assert np.array_equal(ones, [[1, 1, 0, 0, 0], [0, 0, 1, 1, 1], [1, 1, 0, 0, 0]])
 
 
-def test_a_start_in_the_states_of_another_group_is_refused(problem):
+def test_what_breaks_first_knows_groups_and_a_start_in_the_states_of_another_is_refused(problem):
+    assert dd.what_breaks_first(problem, options=["saturation"], t_final=4).sweeps[0].option == "saturation"
     with pytest.raises(SpecError, match=r"start\.xi must be 0 in the states that belong to other groups; row 1"):
         dd.simulate(problem, start={"xi": np.ones((3, 5)) * [[1, 1, 0, 0, 0], [1, 0, 0, 0, 0], [1, 1, 0, 0, 0]]})
 
@@ -127,10 +126,6 @@ def test_the_model_has_the_right_hand_side_of_the_simulation(problem):
         assert z_dot[i, own] == pytest.approx(expected, rel=1e-6, abs=1e-9)
         assert np.count_nonzero(z_dot[i]) == np.count_nonzero(z_dot[i, own])
     assert model.q == 5
-
-
-def test_what_breaks_first_knows_groups(problem):
-    assert dd.what_breaks_first(problem, options=["saturation"], t_final=4).sweeps[0].option == "saturation"
 
 
 @pytest.mark.parametrize("use", [python_script, dd.export.to_sdpa])

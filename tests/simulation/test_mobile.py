@@ -1,14 +1,13 @@
 """Graphs from positions: who is near, when a link is made and broken, and that no step crosses that instant."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from loops import simulate, simulate_many
 from scipy.linalg import expm
 
-from dobc_design import Mobile, Network, Problem, Waypoints
+from dobc_design import Network, Problem
 from dobc_design.errors import ShapeError, SpecError
+from dobc_design.simulation.signals import Mobile, Waypoints
 from dobc_design.simulation.switches import groups_of, motion_switches, near
 
 

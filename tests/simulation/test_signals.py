@@ -1,7 +1,5 @@
 """Switching signals: reproducible, with the instants and frequencies they promise."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -97,15 +95,12 @@ def test_a_markov_signal_stays_and_jumps_as_its_generator_says():
     assert not (found.modes[1:][modes == 1] == 1).any()
 
 
-def test_a_mode_that_is_never_left_ends_a_markov_signal():
+def test_at_an_instant_of_switching_the_new_mode_is_active_and_one_never_left_ends_the_signal():
+    found = scheduled_switches(dd.signals.Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"]), NAMES, 5.0, 0)
+    assert found.at(np.array([0, 1.4, 1.5, 1.9, 2, 5])).tolist() == [0, 0, 2, 2, 0, 0]
     found = scheduled_switches(dd.signals.Markov(generator=[[-1, 1], [0, 0]]), ("a", "b"), 1e9, 0)
     assert found.modes.tolist() == [0, 1]
     assert "for ever" in str(dd.signals.Markov(generator=[[-1, 1], [0, 0]]))
-
-
-def test_at_an_instant_of_switching_the_new_mode_is_active():
-    found = scheduled_switches(dd.signals.Schedule(times=[0, 1.5, 2], modes=["a", "c", "a"]), NAMES, 5.0, 0)
-    assert found.at(np.array([0, 1.4, 1.5, 1.9, 2, 5])).tolist() == [0, 0, 2, 2, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -157,7 +152,7 @@ def switched(section: dd.Switching | None, modes: str = "abc") -> dd.Problem:
     return dd.Problem(network=network, coupling="y", switching=section)
 
 
-def test_sections_become_signals_and_what_was_chosen_is_said():
+def test_sections_become_signals_and_what_was_chosen_or_is_not_used_is_said():
     assert signal_of(switched(dd.Switching(signal="periodic", dwell=2))) == (dd.signals.Periodic(dwell=2), None)
     signal, remark = signal_of(switched(dd.Switching(signal="random")))
     assert signal == dd.signals.RandomDwell(dwell=0.5)
@@ -170,6 +165,9 @@ def test_sections_become_signals_and_what_was_chosen_is_said():
     assert signal_of(switched(dd.Switching(signal="random"), "a"))[0] == dd.signals.Fixed()
     assert signal_of(switched(None, "a")) == (dd.signals.Fixed(), None)
     assert "a is active throughout" in signal_of(switched(None))[1]
+    section = dd.Switching(signal="mobile", radius=1, dwell=2)
+    remark = signal_of(switched(section, "ab"))[1]
+    assert remark == "switching.dwell is not used by a mobile signal."
 
 
 @pytest.mark.parametrize(
@@ -200,12 +198,6 @@ def test_sections_become_signals_and_what_was_chosen_is_said():
 )
 def test_every_key_of_the_section_reaches_the_signal(section: dd.Switching, signal):
     assert signal_of(switched(section)) == (signal, None)
-
-
-def test_a_dwell_time_that_a_signal_does_not_use_is_said():
-    section = dd.Switching(signal="mobile", radius=1, dwell=2)
-    remark = signal_of(switched(section, "ab"))[1]
-    assert remark == "switching.dwell is not used by a mobile signal."
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Runs under stress side by side are the same runs one by one; and both are what a loop over agents gives."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
@@ -245,12 +243,6 @@ def test_too_many_exchanges_are_refused_before_anything_is_integrated(runs: int 
     with pytest.raises(SpecError, match="2e\\+10 exchanges are too many") as caught:
         dd.simulate(dd.load_problem("paper-fixed"), runs=runs, stress=Stress(exchange=1e-9))
     assert caught.value.key == "exchange"
-
-
-@pytest.mark.slow
-def test_the_papers_example_under_everything_is_the_same_side_by_side():
-    problem = dd.load_problem("paper-switching")
-    agree(problem, EVERYTHING, signal=dd.signals.RandomDwell(dwell=0.5), t_final=3.0, runs=3, close=1e-6)
 
 
 def test_an_observer_of_a_growing_disturbance_is_followed_through_the_noise():

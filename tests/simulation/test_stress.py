@@ -1,7 +1,5 @@
 """Stressed loops against closed forms, CasADi's integrator, and each other."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from fractions import Fraction

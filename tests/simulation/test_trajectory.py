@@ -1,7 +1,5 @@
 """What is asked of one run and of many, and their files; where runs start: drawn, given, or from a file."""
 
-from __future__ import annotations
-
 import builtins
 import json
 
@@ -29,11 +27,18 @@ def made(errors, *, diverged: bool = False, times=None, name: str = "made") -> d
     return dd.Trajectory(times=np.asarray(times, dtype=float), goal=goal, **samples, **facts)
 
 
-def test_the_error_is_the_largest_distance_from_a_goal():
+def test_the_error_is_the_largest_distance_from_a_goal_and_nothing_can_be_changed():
     trajectory = made([4, -2, 1])
     assert trajectory.error().tolist() == [4, 2, 1]
     assert trajectory.final_error == 1
     assert trajectory.estimation_error().tolist() == [0.5] * 3
+    assert str(made([4, 1])) == 'made: mode "G", ran to 10 s, |e|_inf from 4 to 1'
+    assert "diverged at about 1 s of 10 s" in str(made([4, 1e9], diverged=True))
+    assert "<b>&lt;i&gt;</b>" in made([1, 2], name="<i>")._repr_html_()
+    trajectory = made([1, 2])
+    for array in (trajectory.x, trajectory.times, trajectory.goal, trajectory.d):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
 
 
 @pytest.mark.parametrize(
@@ -53,29 +58,13 @@ def test_the_settling_time_is_when_the_error_stays_small(errors, tolerance, want
     assert made(errors, diverged=True).settling_time(tolerance) is None
 
 
-def test_the_decay_rate_is_the_slope_of_the_logarithm():
+def test_the_decay_rate_is_the_slope_of_the_logarithm_without_integration_error():
     times = np.linspace(0, 3, 20)
     assert made(5 * np.exp(-0.7 * times), times=times).decay_rate() == pytest.approx(0.7)
     assert made(5 * np.exp(0.7 * times), times=times).decay_rate() == pytest.approx(-0.7)
     assert made([0, 0, 0, 0]).decay_rate() is None
-
-
-def test_the_decay_rate_leaves_out_what_is_integration_error():
     times = np.linspace(0, 40, 200)
     assert made(np.maximum(np.exp(-times), 1e-9), times=times).decay_rate() == pytest.approx(1)
-
-
-def test_samples_cannot_be_written_to():
-    trajectory = made([1, 2])
-    for array in (trajectory.x, trajectory.times, trajectory.goal, trajectory.d):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
-
-
-def test_a_trajectory_says_where_it_went():
-    assert str(made([4, 1])) == 'made: mode "G", ran to 10 s, |e|_inf from 4 to 1'
-    assert "diverged at about 1 s of 10 s" in str(made([4, 1e9], diverged=True))
-    assert "<b>&lt;i&gt;</b>" in made([1, 2], name="<i>")._repr_html_()
 
 
 def test_the_bounds_of_a_proportion_are_those_of_scipy():
@@ -187,7 +176,7 @@ def test_without_pandas_the_way_out_is_said(monkeypatch):
     assert "dobc_design[store]" in caught.value.cure
 
 
-def test_files_are_not_overwritten_unless_asked(tmp_path):
+def test_files_are_not_overwritten_unless_asked_and_other_places_are_refused(tmp_path):
     run = switching()
     path = run.save(tmp_path / "run.npz")
     before = path.read_bytes()
@@ -197,9 +186,6 @@ def test_files_are_not_overwritten_unless_asked(tmp_path):
     mobile().save(path)
     assert dd.load_trajectory(path).name == "Ω"
     assert [each.name for each in tmp_path.iterdir()] == ["run.npz"]
-
-
-def test_another_ending_or_a_missing_folder_is_refused(tmp_path):
     with pytest.raises(SpecError, match=r"saved as \.npz"):
         switching().save(tmp_path / "run.csv")
     with pytest.raises(CertificateError, match="cannot be written"):
@@ -253,16 +239,13 @@ def test_a_given_initial_disturbance_wins_over_the_region():
     assert not start.xihat.any()
 
 
-def test_parts_of_a_start_can_be_given():
+def test_parts_of_a_start_can_be_given_and_read_from_csv(tmp_path):
     x = [[1, 2], [3, 4], [5, 6]]
     assert drawn(x).x.tolist() == x
     assert drawn([7, 8]).x.tolist() == [[7, 8]] * 3
     assert drawn({"xihat": [1, 0, 0]}).xihat.tolist() == [[1, 0, 0]] * 3
     assert drawn({"xi": np.ones((3, 3)), "x": x}).xi.tolist() == [[1, 1, 1]] * 3
     assert np.array_equal(drawn({"xi": [1, 1, 1]}, seed=4).x, drawn(seed=4).x)
-
-
-def test_a_start_is_read_from_csv(tmp_path):
     path = tmp_path / "x.csv"
     path.write_text("1,2\n3,4\n\n5.5,-6e0\n", encoding="utf-8")
     assert drawn(path).x.tolist() == [[1, 2], [3, 4], [5.5, -6]]

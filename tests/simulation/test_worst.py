@@ -1,7 +1,5 @@
 """Runs as bad as [uncertainty] and [actuators] allow: they attain the worst case of linear loops, and no more."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp

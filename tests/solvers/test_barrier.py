@@ -1,7 +1,5 @@
 """The barrier: derivatives by finite differences, optima in closed form."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

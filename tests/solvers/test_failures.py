@@ -11,16 +11,15 @@ import pytest
 from regions import without_region
 
 import dobc_design as dd
+from dobc_design import Exosystem, Verdict
 from dobc_design.conditions.consensus import propose as estimates
 from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.propose import propose_pairs
-from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import builtin_text, read_problem_text
 from dobc_design.solvers import conic
 from dobc_design.solvers.conic import solve_dense, solve_directly
 from dobc_design.solvers.program import Program, Solution, is_solver_failure
-from dobc_design.verdict import Verdict
 
 
 class PanicException(BaseException):
@@ -188,16 +187,13 @@ def without_solvers(monkeypatch):
     monkeypatch.setattr(conic, "solve_dense", nothing)
 
 
-def test_a_gain_is_found_without_a_solver(without_solvers, harmonic):
+def test_a_gain_is_found_without_a_solver_if_need_be_by_exact_poles(without_solvers, harmonic, monkeypatch):
     found = propose.design_gain(harmonic)
     assert found.W is not None
     assert "Kalman" in found.note
     faster = propose.design_gain(harmonic, rate=Fraction(20))
     assert faster.W is not None
     assert faster.rate == 20
-
-
-def test_without_any_solver_the_poles_are_placed_exactly(without_solvers, monkeypatch, harmonic):
     monkeypatch.setattr(propose, "_kalman", lambda exosystem, shift=0.0: None)
     found = propose.design_gain(harmonic, rate=Fraction(3))
     assert found.W is not None
@@ -315,18 +311,15 @@ def test_eigenvalue_solvers_that_break_change_no_verdict(monkeypatch, name, cycl
         decided(each, verdict)
 
 
-def test_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
-    monkeypatch.setattr(propose, "_candidates", lambda exosystem, rate, kalman: iter(()))
-    found = propose.design_gain(harmonic, rate=Fraction(3))
-    assert found.W is None
-    assert "no W was found for the decay rate 3 1/s" in found.note
-
-
-def test_a_singular_p_of_a_solver_is_passed_over(monkeypatch, harmonic):
+def test_a_singular_p_is_passed_over_and_no_gain_at_all_is_said_in_words(monkeypatch, harmonic):
     values = {"P": np.zeros((2, 2)), "Q": np.ones((2, 1))}
     singular = Solution(status="Solved", solver="x", objective=0.0, values=values)
     monkeypatch.setattr(conic, "solve_directly", lambda program, **options: singular)
     assert propose.design_gain(harmonic).W is not None
+    monkeypatch.setattr(propose, "_candidates", lambda exosystem, rate, kalman: iter(()))
+    found = propose.design_gain(harmonic, rate=Fraction(3))
+    assert found.W is None
+    assert "no W was found for the decay rate 3 1/s" in found.note
 
 
 def test_the_decay_of_numbers_beyond_the_floats_is_not_a_number():

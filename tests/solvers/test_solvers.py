@@ -1,7 +1,5 @@
 """The same Program through Clarabel, cvxpy and a second solver; the reduced form; rounding for readers."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np
@@ -9,17 +7,14 @@ import pytest
 from reduced import reduced_program, solve_reduced
 from scipy import sparse
 
+from dobc_design import Exosystem, Network, Problem, Verdict
 from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems, with_gain
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import from_float, matrix
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import build_dense, smat, solve_dense, solve_directly, svec, svec_exact, symmetric_basis
 from dobc_design.solvers.program import Program, Solution, assemble, round_matrix
-from dobc_design.verdict import Verdict
 
 OBJECTIVES = ("size", "margin")
 
@@ -157,23 +152,27 @@ def test_the_proposed_pair_proves_the_theorem_after_a_little_slack(cycle, harmon
     assert decide_positive_definite(omega(P, Q, harmonic).negated()).verdict is Verdict.PROVED
 
 
-def test_without_an_exosystem_there_is_nothing_to_solve(cycle):
+def test_without_an_exosystem_or_beyond_the_floats_there_is_no_solution(cycle, harmonic):
     plain = Problem(network=Network.from_arcs([[1, 2]], arrow="listens_to", agents=2), coupling="y")
     with pytest.raises(SpecError, match=r"needs an \[exosystem\]"):
         solve_reduced(plain)
-
-
-def test_a_weight_beyond_the_floats_leaves_no_program(cycle, harmonic):
     network = Network.from_arcs([[1, 2, "1e399"], [2, 1]], arrow="listens_to", agents=2)
     problem = Problem(network=network, coupling="y", gains={1: 1}, exosystem=harmonic)
     assert reduced_program(problem) is None
     assert not solve_reduced(problem).found
+    assert not Solution(status="failed", solver="x").found
+    bad = Solution(status="Solved", solver="x", objective=1.0, values={"P": np.array([[np.nan]])})
+    assert not bad.found
 
 
-def test_the_modelled_form_declares_p_symmetric(harmonic):
+def test_the_modelled_form_declares_p_symmetric_and_numbers_go_to_their_places(harmonic):
     """Otherwise P >> 0 would look at the symmetric part only."""
     _, variables = build_dense(Program(pencils=(reduced(Fraction(-1), harmonic),)))
     assert variables["P"].is_symmetric()
+    # Unknowns in order: P_11, P_12, P_22, Q_11, Q_21.
+    values = assemble(reduced(Fraction(-1), harmonic), [1.0, 2.0, 3.0, 4.0, 5.0])
+    assert values["P"].tolist() == [[1, 2], [2, 3]]
+    assert values["Q"].tolist() == [[4], [5]]
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-9, 1.0, 12345.678, 1e300])
@@ -187,27 +186,11 @@ def test_the_largest_entry_keeps_its_digits(size, digits):
             assert abs(float(x) - value) <= 0.51 * largest * 10.0 ** (1 - digits)
 
 
-def test_rounding_is_decimal_and_keeps_symmetry():
+def test_rounding_is_decimal_and_keeps_symmetry_zero_and_nothing():
     array = np.array([[0.5, 1 / 3], [1 / 3, 2 / 3]])
     assert round_matrix(array, 3) == ((Fraction(1, 2), Fraction(333, 1000)), (Fraction(333, 1000), Fraction(667, 1000)))
-
-
-def test_nothing_and_zero_are_rounded_too():
     assert round_matrix(np.zeros((2, 1)), 3) == ((0,), (0,))
     assert round_matrix(np.zeros((0, 0)), 3) == ()
-
-
-def test_numbers_go_to_their_places(harmonic):
-    """Unknowns in order: P_11, P_12, P_22, Q_11, Q_21."""
-    values = assemble(reduced(Fraction(-1), harmonic), [1.0, 2.0, 3.0, 4.0, 5.0])
-    assert values["P"].tolist() == [[1, 2], [2, 3]]
-    assert values["Q"].tolist() == [[4], [5]]
-
-
-def test_a_solution_is_found_only_with_finite_values():
-    assert not Solution(status="failed", solver="x").found
-    bad = Solution(status="Solved", solver="x", objective=1.0, values={"P": np.array([[np.nan]])})
-    assert not bad.found
 
 
 @pytest.mark.parametrize("size", [1, 2, 5])

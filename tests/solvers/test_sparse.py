@@ -1,7 +1,5 @@
 """Factors of sparse matrices: singular ones end in an error, never in SuperLU's crash."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from random import Random

@@ -1,7 +1,5 @@
 """Final bounds for the lone checker: certificates of one or two agents that `certify` makes, and just-false twins."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable
@@ -12,10 +10,9 @@ from typing import Any
 from checker_cases import FAILS, HOLDS, Case
 from margins_cases import REGION, SEEN, one, two
 
+from dobc_design import Problem, certify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
-from dobc_design.problem.problem import Problem
 
 Change = Callable[[Any, Any], None]
 PEAKS = ("disturbance", "drift", "measurement")

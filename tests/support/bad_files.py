@@ -9,8 +9,6 @@ the errors must carry it; "" means that no key can be asked for (the text is not
 purpose.  VALID_BUT_NASTY looks like an attack or a slip and has to load.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -98,6 +96,7 @@ STATES, XI0 = "initial_states = [0, 5]", 'xi0 = ["0.420735492", "0.270151153"]'
 FILE = "network.modes.Ga.file"
 SECOND = f"{EXCEPTION}\n[[coupling.exceptions]]\n"
 GROUPS = "exosystem.groups"
+TURNS, ROUND = 'sequence = ["Ga", "Gb"]', 'schedule = [[0, "Ga"], [2, "Gb"]]'
 CSV = b"from,to,weight\n1,2,1\n2,3,1\n3,4,1\n4,1,0.5\n"
 
 
@@ -141,6 +140,11 @@ def agents(value: str) -> str:
     return swap("agents = 4", f"agents = {value}")
 
 
+def sequence(case: str, lines: str, key: str, *words: str) -> BadFile:
+    """A guarantee about the two modes in turn."""
+    return bad(case, guarantee("sequence", TURNS, *lines.split("; ")), f"switching.{key}", *words)
+
+
 def group(*tables: str) -> str:
     return VALID + "".join(f"\n[[exosystem.groups]]\n{lines}\n" for lines in tables)
 
@@ -159,6 +163,9 @@ def coupling(text: str) -> str:
 
 def exception(lines: str) -> str:
     return swap(EXCEPTION, f"[[coupling.exceptions]]\n{lines}\n")
+
+
+FROM_CSV, BELOW = mode('{ file = "arcs.csv" }'), {"data/arcs.csv": CSV}
 
 
 def bad(
@@ -205,10 +212,7 @@ TOML_AND_BYTES = [
     bad("megabytes-of-quotes", lambda: '\\"""\n' * 800_000, "", "toml"),
     bad("megabytes-in-triple-quotes", lambda: 'name = """' + 'a"\n' * 1_000_000, "", "toml"),
     bad(
-        "many-unknown-keys",
-        lambda: VALID + "".join(f"u{i} = 1\n" for i in range(100_000)),
-        "simulation.u0",
-        "unknown",
+        "many-unknown-keys", lambda: VALID + "".join(f"u{i} = 1\n" for i in range(100_000)), "simulation.u0", "unknown"
     ),
 ]
 
@@ -353,13 +357,8 @@ REGION_AND_SETTINGS = [
     ),
     bad("sequence-empty", signal("periodic", "sequence = []"), "switching.sequence", "list"),
     bad("period-and-dwell", signal("periodic", "period = 1", "dwell = 1"), "switching.period", "dwell"),
-    bad(
-        "period-too-short",
-        signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]', "period = 2"),
-        "switching.period",
-        "> 2 s",
-    ),
-    bad("round-without-end", signal("periodic", 'schedule = [[0, "Ga"], [2, "Gb"]]'), "switching.period", "missing"),
+    bad("period-too-short", signal("periodic", ROUND, "period = 2"), "switching.period", "> 2 s"),
+    bad("round-without-end", signal("periodic", ROUND), "switching.period", "missing"),
     bad("generator-of-three", signal("markov", f"generator = {[[0] * 3] * 3}"), "switching.generator", "2 rows"),
     bad("generator-sum", signal("markov", "generator = [[-1, 0.9], [1, -1]]"), "switching.generator[0]", "-1/10"),
     bad("generator-negative", signal("markov", "generator = [[1, -1], [1, -1]]"), "switching.generator[0][1]", ">= 0"),
@@ -375,40 +374,14 @@ REGION_AND_SETTINGS = [
     bad("longest-below-dwell", guarantee("dwell", "dwell = 2", "longest = 1"), "switching.longest", ">=", "2 s"),
     bad("longest-zero", guarantee("dwell", "dwell = 2", "longest = 0"), "switching.longest", "> 0"),
     bad("longest-of-any-signal", signal("random", "dwell = 1", "longest = 2"), "switching.longest", "dwell"),
-    bad(
-        "longest-of-a-sequence",
-        guarantee("sequence", 'sequence = ["Ga", "Gb"]', "dwell = 1", "longest = 2"),
-        "switching.longest",
-        "no meaning",
-    ),
-    bad("sequence-without-times", guarantee("sequence", 'sequence = ["Ga", "Gb"]'), "switching.guarantee", "how long"),
-    bad(
-        "sequence-of-random",
-        guarantee("sequence", 'signal = "random"', "dwell = 1"),
-        "switching.guarantee",
-        "order",
-    ),
-    bad(
-        "dwell-of-three",
-        guarantee("sequence", 'sequence = ["Ga", "Gb"]', "dwell = [1, 2, 3]"),
-        "switching.dwell",
-        "2 numbers",
-        "3",
-    ),
-    bad(
-        "dwell-with-a-zero",
-        guarantee("sequence", 'sequence = ["Ga", "Gb"]', "dwell = [1, 0]"),
-        "switching.dwell[1]",
-        "> 0",
-    ),
+    sequence("longest-of-a-sequence", "dwell = 1; longest = 2", "longest", "no meaning"),
+    bad("sequence-without-times", guarantee("sequence", TURNS), "switching.guarantee", "how long"),
+    bad("sequence-of-random", guarantee("sequence", 'signal = "random"', "dwell = 1"), "switching.guarantee", "order"),
+    sequence("dwell-of-three", "dwell = [1, 2, 3]", "dwell", "2 numbers", "3"),
+    sequence("dwell-with-a-zero", "dwell = [1, 0]", "dwell[1]", "> 0"),
     bad("dwell-list-of-nothing", guarantee("sequence", "dwell = [1, 2]"), "switching.sequence", "list of modes"),
     bad("dwell-list-of-random", guarantee("dwell", "dwell = [1, 2]"), "switching.dwell"),
-    bad(
-        "dwell-list-beside-a-period",
-        guarantee("sequence", 'sequence = ["Ga", "Gb"]', "dwell = [1, 2]", "period = 9"),
-        "switching.period",
-        "dwell",
-    ),
+    sequence("dwell-list-beside-a-period", "dwell = [1, 2]; period = 9", "period", "dwell"),
     bad("x0-of-three", below("[simulation]", "x0 = [1, 2, 3]"), "simulation.x0", "4 numbers", "3"),
     bad("x0-rows", below("[simulation]", "x0 = [[1], [2]]"), "simulation.x0", "4 rows"),
     bad("x0-text", below("[simulation]", 'x0 = [1, 2, "far", 4]'), "simulation.x0[2]", "far"),
@@ -420,17 +393,11 @@ REGION_AND_SETTINGS = [
 ARC_FILES = [
     arcs_file("missing", None, "arcs.csv"),
     bad("arcs-file-no-folder", mode('{ file = "no/such/arcs.csv" }'), FILE, "no/such/arcs.csv"),
-    bad("arcs-file-is-a-folder", mode('{ file = "data" }'), FILE, files={"data/arcs.csv": CSV}),
+    bad("arcs-file-is-a-folder", mode('{ file = "data" }'), FILE, files=BELOW),
     bad("arcs-file-above", mode('{ file = "../x.csv" }'), FILE, "folder"),
-    bad(
-        "arcs-file-above-by-a-detour",
-        mode('{ file = "data/../../x.csv" }'),
-        FILE,
-        "folder",
-        files={"data/arcs.csv": CSV},
-    ),
-    bad("arcs-file-linked-outside", mode('{ file = "arcs.csv" }'), FILE, "arcs.csv", links={"arcs.csv": "/etc/passwd"}),
-    bad("arcs-file-linked-to-itself", mode('{ file = "arcs.csv" }'), FILE, "arcs.csv", links={"arcs.csv": "arcs.csv"}),
+    bad("arcs-file-above-by-a-detour", mode('{ file = "data/../../x.csv" }'), FILE, "folder", files=BELOW),
+    bad("arcs-file-linked-outside", FROM_CSV, FILE, "arcs.csv", links={"arcs.csv": "/etc/passwd"}),
+    bad("arcs-file-linked-to-itself", FROM_CSV, FILE, "arcs.csv", links={"arcs.csv": "arcs.csv"}),
     bad("arcs-file-with-nul", mode(r'{ file = "arcs.csv\u0000" }'), FILE),
     bad("arcs-file-two-keys", mode('{ file = "arcs.csv", weight = 2 }'), "network.modes.Ga", files={"arcs.csv": CSV}),
     arcs_file("of-unknown-kind", CSV, "arcs.xlsx", name="arcs.xlsx"),
@@ -522,19 +489,11 @@ VALID_BUT_NASTY: list[BadFile] = [
     bad("h-of-two-lines", swap(H, 'h = """\nexp(y) - 1\n  + y"""')),
     bad("P-not-definite", swap(P, "P = [[1, 2], [2, 1]]")),
     bad("rate-beside-W", swap(P, "rate = 1")),
-    bad("arcs-file-below", mode('{ file = "data/arcs.csv" }'), files={"data/arcs.csv": CSV}),
+    bad("arcs-file-below", mode('{ file = "data/arcs.csv" }'), files=BELOW),
     bad("arcs-file-detour", mode('{ file = "data/../arcs.csv" }'), files={"arcs.csv": CSV, "data/other.csv": CSV}),
-    bad(
-        "arcs-file-of-windows",
-        mode('{ file = "arcs.csv" }'),
-        files={"arcs.csv": b"\xef\xbb\xbf" + CSV.replace(b"\n", b"\r\n")},
-    ),
-    bad("arcs-file-quoted", mode('{ file = "arcs.csv" }'), files={"arcs.csv": b'"1","2"\n\n"2","3"\n3 , 4\n4,1\n'}),
-    bad(
-        "arcs-file-exact-weights",
-        mode('{ file = "arcs.csv" }'),
-        files={"arcs.csv": b"1,2,9/16\n2,3,1e-3\n3,4,0.1\n4,1,2\n"},
-    ),
+    bad("arcs-file-of-windows", FROM_CSV, files={"arcs.csv": b"\xef\xbb\xbf" + CSV.replace(b"\n", b"\r\n")}),
+    bad("arcs-file-quoted", FROM_CSV, files={"arcs.csv": b'"1","2"\n\n"2","3"\n3 , 4\n4,1\n'}),
+    bad("arcs-file-exact-weights", FROM_CSV, files={"arcs.csv": b"1,2,9/16\n2,3,1e-3\n3,4,0.1\n4,1,2\n"}),
 ]
 
 

@@ -1,7 +1,5 @@
 """Exported C code compiled and driven from Python: all agents in one library, the plant integrated exactly outside."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import shutil
@@ -12,10 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design import Exosystem, Network, Observer, Problem
 
 _WARNINGS = (
     "-std=c99 -O2 -Wall -Wextra -Werror -pedantic -Wshadow -Wconversion -Wdouble-promotion -Wstrict-prototypes"

@@ -4,8 +4,6 @@ Each function returns a Counter of outcomes; the key "wrong" (absent or 0) count
 ``wrong`` lists what it was.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -21,8 +19,8 @@ from mutants import claim, mutate
 from random_problems import badly_scaled_problem, random_linear_problem, random_problem
 from scipy import linalg
 
+from dobc_design import Problem, Verdict, certify, verify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
@@ -31,8 +29,6 @@ from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 Document = dict[str, Any]
 

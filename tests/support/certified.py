@@ -1,11 +1,8 @@
 """Certificates made once by each process of tests, for tests that look at them, and not at how they come about."""
 
-from __future__ import annotations
-
 from functools import cache
 
-from dobc_design.certificate.certificate import Certificate
-from dobc_design.certification.certify import certify
+from dobc_design import Certificate, certify
 
 MADE: dict[tuple[object, bool, object], Certificate] = {}
 

@@ -4,8 +4,6 @@ A check is the condition of ``need``, each part of it that ``and`` joins, the co
 False, and each part of a returned conjunction.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections import Counter

@@ -1,7 +1,5 @@
 """One check of the lone checker taken away at a time, and the case that notices it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

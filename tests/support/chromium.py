@@ -1,7 +1,5 @@
 """Chromium without a screen, driven by its own protocol; for tests that need a real page."""
 
-from __future__ import annotations
-
 import base64
 import json
 import os

@@ -1,7 +1,5 @@
 """The notebooks, and what comes of running one from a clean kernel."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A check after its way through JSON, confirmed against the problem as `dobc verify` does."""
 
-from __future__ import annotations
-
 import json
 
 from dobc_design.certification.recheck import Trusted, confirm

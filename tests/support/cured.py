@@ -1,7 +1,5 @@
 """Cures over many random problems: offered, confirmed by the oracle, and proved once they are written and read."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from fractions import Fraction
@@ -15,14 +13,11 @@ from campaigns import Tally, a_problem, closed_loop
 from exact_oracle import Oracle, form
 from linked import linked
 
+from dobc_design import Exosystem, Problem, Verdict, certify, verify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify, verify
 from dobc_design.conditions.check import main_cure
 from dobc_design.problem.changes import changed_file, problem_text
-from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.load import read_problem_text
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 
 def cured(problem: Problem, changes: Any) -> Problem:

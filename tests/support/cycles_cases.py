@@ -3,28 +3,19 @@
 Few segments, so that every row can be worked out on paper: of a linear one both ends of a segment decide.
 """
 
-from __future__ import annotations
-
-import hashlib
 import json
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, network, scalar
+from checker_cases import FAILS, HOLDS, Case, Document, network, scalar
+from framed import Frames, bent
 from region_cases import ball, box, claim, doubles
 from tube_cases import bent as changed
 from tube_cases import last, settling, tube
 from tube_cases import moved as shifted
 
-from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
-from dobc_design.certification.recheck import recheck
-from dobc_design.errors import CertificateError
-from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
 
 GLOBAL = "global"
 PAPER = "exp(y) - 1 + y"
@@ -68,48 +59,9 @@ def _settings() -> dict[str, tuple[Document, Document]]:
     }
 
 
-@cache
-def problems() -> dict[str, Problem]:
-    return {name: Problem(**own, switching=Switching(**turns)) for name, (own, turns) in _settings().items()}
-
-
-@cache
-def _frame(name: str) -> bytes:
-    """What is found without a guarantee, less what it says of regions."""
-    document = json.loads(certificate_bytes(certify(Problem(**_settings()[name][0])).claims))
-    known = (
-        "reachability",
-        "lemma1",
-        "theorem1",
-        "theorem2",
-        "observability",
-        "detectability",
-        "hurwitz",
-        "linearisation",
-    )
-    document["checks"] = [each for each in document["checks"] if each["id"] in known]
-    covered = {each["id"] for each in document["checks"]}
-    if document["verdict"] == "proved" and document["covered_by"] not in covered:
-        document |= {"verdict": "undecided", "rate": None, "covered_by": None}
-    return json.dumps(document).encode()
-
-
-def certificate(name: str, check: Document, data: bytes | None = None, **overall: Any) -> tuple[bytes, bytes]:
-    """The certificate with that check, which decides where it is faster, and the problem file."""
-    document, data = json.loads(_frame(name)), data or canonical_bytes(problems()[name])
-    document["problem_sha256"] = hashlib.sha256(data).hexdigest()
-    document["checks"].append(check)
-    if document["verdict"] != "proved" or (check["rate"] or 0) > document["rate"]:
-        document |= {"verdict": "proved", "rate": check["rate"], "covered_by": "schedule"}
-    return json.dumps(document | overall).encode(), data
-
-
-def judged(case: Case) -> int:
-    """What the package says of a case: as the lone checker's exit code."""
-    try:
-        return HOLDS if recheck(case.certificate, problems()[case.name.partition(": ")[0]]).holds else FAILS
-    except CertificateError:
-        return UNREADABLE
+_KNOWN = ("reachability", "lemma1", "theorem1", "theorem2", "observability", "detectability", "hurwitz")
+_FRAMES = Frames(_settings(), (*_KNOWN, "linearisation"))
+certificate, _case, _fails = _FRAMES.certificate, _FRAMES.case, _FRAMES.fails
 
 
 def schedule(domain: Any, rate: Any, rho: str | None, *phases: Document, exact: str | None = None) -> Document:
@@ -120,15 +72,6 @@ def schedule(domain: Any, rate: Any, rho: str | None, *phases: Document, exact: 
 
 def phase(times: list[str], *v: list[str]) -> Document:
     return {"times": times, "v": list(v)}
-
-
-def bent(check: Document, **changes: Any) -> Document:
-    """The check with changes; ``own`` is the rate of its claim."""
-    copied: Document = json.loads(json.dumps(check))
-    for key, value in changes.items():
-        inside = key == "own" or (key in copied["exact"] and key != "rate")
-        (copied["exact"] if inside else copied)["rate" if key == "own" else key] = value
-    return copied
 
 
 def moved(check: Document, p: int, k: int, i: int, value: str) -> Document:
@@ -177,16 +120,6 @@ def cycles_cases() -> list[Case]:
     """All of them, the good ones first."""
     weights = (*_good(), *_bent_weights(), *_bent_dwell(), *_bent_observer(), *_bent_graphs(), *_bent_problems())
     return [*weights, *_settled()]
-
-
-def _case(name: str, code: int, check: Document, what: str, data: bytes | None = None, **overall: Any) -> Case:
-    return Case(f"{name}: {what}", *certificate(name, check, data, **overall), code)
-
-
-def _fails(name: str, check: Document, *changes: Document) -> Iterator[Case]:
-    """The claim with one of the changes at a time, of which none holds."""
-    for change in changes:
-        yield _case(name, FAILS, bent(check, **change), f"with {str(change)[:60]}")
 
 
 def _good() -> Iterator[Case]:
@@ -300,7 +233,7 @@ def _bent_problems() -> Iterator[Case]:
         ("two", {"dwell": "0"}, GRAPHS),
         ("two", {"dwell": None}, GRAPHS),
     ):
-        document = json.loads(canonical_bytes(problems()[name]))
+        document = json.loads(_FRAMES.problem(name))
         document["switching"] |= change
         yield _case(name, FAILS, check, f"bent problem, {change}", json.dumps(document).encode())
 
@@ -325,7 +258,7 @@ def _settled() -> Iterator[Case]:
     """Settling times under a guarantee."""
 
     def settled(name: str, code: int, check: Document, what: str) -> Case:
-        frame = json.loads(_frame(name))
+        frame = json.loads(_FRAMES.frame(name))
         kept = {key: frame[key] for key in ("verdict", "rate", "covered_by")}
         return Case(f"{name}: settling, {what}", *certificate(name, check, **kept), code)
 

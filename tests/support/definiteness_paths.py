@@ -3,8 +3,6 @@
 UNDECIDED: the path passed on. None: it is not asked (too slow at this size).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -3,8 +3,6 @@
 Nothing of the package decides here: closed loops are built from the arcs, impulse responses come from SciPy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
@@ -13,12 +11,8 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from dobc_design.certification.certify import certify
+from dobc_design import Exosystem, Network, Observer, Problem, certify
 from dobc_design.exact.matrix import matrix, to_float
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 
 def linear_problem(

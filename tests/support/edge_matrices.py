@@ -4,8 +4,6 @@ H H = n I, so these are the eigenvalues. One is tiny or 0, the others are 1/4, 1
 entries are exact as doubles are given, so that floating point is asked the same question.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 from random import Random

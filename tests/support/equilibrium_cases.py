@@ -1,15 +1,12 @@
 """Problems with equilibria beside the target, and the equilibria from outside: closed forms and mpmath at 50 digits."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from random import Random
 from typing import Any
 
 import mpmath
 
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design import Network, Problem
 
 FOLDED = "y - 3/2*max(0, y - 1) - 3/2*min(0, y + 1)"  # rises to 1 at y = 1, falls to 0 at y = 3
 

@@ -6,8 +6,6 @@ from SymPy's factors, and Psi is decided as the whole matrix (18), not through t
 slopes are taken to 80 digits, with a slack of 1e-60 where a strict inequality is claimed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -420,10 +418,9 @@ class Oracle:
         return self.A is None or (W is not None and hurwitz(self.error(W)))
 
     def _false_exact(self, exact: dict[str, Any], P: Rows, Q: Rows) -> list[str]:
-        assert self.C is not None
         S = self._schur(P, Q)
         true = numbers(exact["P"]) == P and numbers(exact["Q"]) == Q and numbers(exact["S"]) == S
-        scalar = times(S[0][0], eye(self.m)) == S
+        scalar = times(S[0][0], eye(len(S))) == S
         bound = number(exact["bound"]) if "bound" in exact else None
         return [] if true and bound == (-S[0][0] if scalar else None) else ["exact"]
 

@@ -5,8 +5,6 @@ anything else (another exception, a wrong round trip, more than LIMIT seconds of
 ``seeds`` are valid inputs, ``mutate`` breaks them; the same seed breaks them in the same way.
 """
 
-from __future__ import annotations
-
 import json
 import signal
 import tempfile

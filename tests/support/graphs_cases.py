@@ -1,26 +1,16 @@
 """Graphs that move or that a Markov chain draws: claims of `safety` and `markov` written by hand whose truth is known,
 and twins that just fail."""
 
-from __future__ import annotations
-
-import hashlib
 import json
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from checker_cases import EACH_OTHER, FAILS, HOLDS, UNREADABLE, Case, Document, network, scalar
-from cycles_cases import bent
+from checker_cases import EACH_OTHER, FAILS, HOLDS, Case, Document, network, scalar
+from framed import Frames, bent
 from region_cases import ball, box, claim, doubles, second_box
 
-from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
-from dobc_design.certification.recheck import recheck
-from dobc_design.errors import CertificateError
-from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.groups import Observer
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
 
 GLOBAL = "global"
 FRAME = ("reachability", "lemma1", "theorem1", "theorem2", "observability", "detectability", "hurwitz")
@@ -98,39 +88,8 @@ def _settings() -> dict[str, tuple[Document, Document]]:
     }
 
 
-@cache
-def problems() -> dict[str, Problem]:
-    return {name: Problem(**own, switching=Switching(**turns)) for name, (own, turns) in _settings().items()}
-
-
-@cache
-def _frame(name: str) -> bytes:
-    """What is found without a signal, less what it says of regions."""
-    document = json.loads(certificate_bytes(certify(Problem(**_settings()[name][0])).claims))
-    document["checks"] = [each for each in document["checks"] if each["id"] in FRAME]
-    if document["verdict"] == "proved" and document["covered_by"] not in FRAME:
-        document |= {"verdict": "undecided", "rate": None, "covered_by": None}
-    return json.dumps(document).encode()
-
-
-def certificate(name: str, check: Document | None, data: bytes | None = None, **overall: Any) -> tuple[bytes, bytes]:
-    """The certificate with that check, which decides where it is a faster proof of consensus; and the problem file."""
-    document, data = json.loads(_frame(name)), data or canonical_bytes(problems()[name])
-    document["problem_sha256"] = hashlib.sha256(data).hexdigest()
-    if check is not None:
-        document["checks"].append(check)
-        decides = check["verdict"] == "proved" and (check["id"] != "safety" or check["rate"] is not None)
-        if decides and (document["verdict"] != "proved" or (check["rate"] or 0) > (document["rate"] or 0)):
-            document |= {"verdict": "proved", "rate": check["rate"], "covered_by": check["id"]}
-    return json.dumps(document | overall).encode(), data
-
-
-def judged(case: Case) -> int:
-    """What the package says of a case: as the lone checker's exit code."""
-    try:
-        return HOLDS if recheck(case.certificate, problems()[case.name.partition(": ")[0]]).holds else FAILS
-    except CertificateError:
-        return UNREADABLE
+_FRAMES = Frames(_settings(), FRAME)
+_case, _fails = _FRAMES.case, _FRAMES.fails
 
 
 def markov(domain: Any, pace: Any, kind: str, **exact: Any) -> Document:
@@ -178,16 +137,6 @@ FOLLOWED = safety(box(1, 0.5), 0.5, "4/3", **PART | {"kappa": "2/3"})
 def graphs_cases() -> list[Case]:
     """All of them, the good ones first."""
     return [*_good(), *_bent_means(), *_bent_sure(), *_bent_apart(), *_bent_safety(), *_unstable(), *_bent_problems()]
-
-
-def _case(name: str, code: int, check: Document | None, what: str, data: bytes | None = None, **overall: Any) -> Case:
-    return Case(f"{name}: {what}", *certificate(name, check, data, **overall), code)
-
-
-def _fails(name: str, check: Document, *changes: Document) -> Iterator[Case]:
-    """The claim with one of the changes at a time, of which none holds; ``own`` is the rate of the claim."""
-    for change in changes:
-        yield _case(name, FAILS, bent(check, **change), f"with {str(change)[:60]}")
 
 
 def _good() -> Iterator[Case]:
@@ -341,7 +290,7 @@ def _unstable() -> Iterator[Case]:
 def _bent_problems() -> Iterator[Case]:
     """Problem files that the package does not write."""
     for rates in ([["-1", "1"], ["1/2", "-1"]], [["1", "-1"], ["1", "-1"]], [["0"]], None):
-        document = json.loads(canonical_bytes(problems()["link"]))
+        document = json.loads(_FRAMES.problem("link"))
         document["switching"]["generator"] = rates
         # Means would decay.
         check = markov(GLOBAL, 0.001, "mean", rate="1/1000", w={"A": ["8/5", "1"], "B": ["8/5", "8/5"]})

@@ -1,7 +1,5 @@
 """Networks as pandapower writes them, by hand."""
 
-from __future__ import annotations
-
 import json
 
 

@@ -1,7 +1,5 @@
 """Problems with groups of agents for the lone checker: good certificates, and bad ones wrong in one place each."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from functools import cache
@@ -13,12 +11,9 @@ from linked import linked
 from quadratic_cases import quadratic
 from region_cases import claim
 
+from dobc_design import Exosystem, Group, Observer, Problem, certify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer
-from dobc_design.problem.problem import Problem
 
 RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
 SLOW, GROWING = Observer(W=[[1]]), Observer(W=[[-1]])

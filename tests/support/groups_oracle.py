@@ -5,8 +5,6 @@ written out as one matrix with every agent's own C and Omega0 in its place, from
 Reduction does not enter.
 """
 
-from __future__ import annotations
-
 import json
 from fractions import Fraction
 from random import Random
@@ -16,12 +14,9 @@ import sympy as sp
 from exact_oracle import PLAIN, Oracle, Rows, dot, eye, form, fractions, number, numbers, plus, times, turned, zeros
 from random_problems import _exosystem, _observer, random_linear_problem, random_problem
 
+from dobc_design import Exosystem, Group, Observer, Problem, Verdict
 from dobc_design.exact.observability import decide_observable
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 
 def random_grouped_problem(seed: int) -> Problem:
@@ -53,8 +48,7 @@ def with_groups(base: Problem, groups: list[Group], *, disturbance: Any = 0.5) -
     given |= {"exosystem": None, "observer": None, "groups": groups}
     if base.region is not None:
         given["region"] = {"initial_states": base.region.initial_states, "initial_disturbance": disturbance}
-    result = Problem(**given)
-    return result
+    return Problem(**given)
 
 
 class GroupsOracle(Oracle):
@@ -137,13 +131,6 @@ class GroupsOracle(Oracle):
         own = None if W is None else self.blocks(W, [self.m] * len(self.systems))[place]
         return self.parts[group], own
 
-    def _false_exact(self, exact: dict[str, Any], P: Rows, Q: Rows) -> list[str]:
-        S = self._schur(P, Q)
-        true = numbers(exact["P"]) == P and numbers(exact["Q"]) == Q and numbers(exact["S"]) == S
-        scalar = times(S[0][0], eye(len(S))) == S
-        bound = number(exact["bound"]) if "bound" in exact else None
-        return [] if true and bound == (-S[0][0] if scalar else None) else ["exact"]
-
     def _false_refutation(self, check: dict[str, Any], W: Rows | None, P: Rows | None, Q: Rows | None) -> list[str]:
         exact = check.get("exact") or {}
         if exact.get("block") in ("detectability", "hurwitz"):
@@ -201,5 +188,4 @@ def _alike(problem: Problem, part: dict[str, Any]) -> Problem:
     settings = problem.simulation
     given |= {"groups": None, "exosystem": Exosystem(A=part["A"], C=part["C"])}
     given |= {"observer": Observer(W=part["W"], P=part["P"]), "simulation": {"seed": settings.seed}}
-    result = Problem(**given)
-    return result
+    return Problem(**given)

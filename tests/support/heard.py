@@ -1,7 +1,5 @@
 """Signals that the programs under test hear, although whoever started the tests ignores them."""
 
-from __future__ import annotations
-
 import signal
 
 

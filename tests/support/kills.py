@@ -4,8 +4,6 @@ A folder always holds the complete files of a first run before a second run, of 
 replace them.  So every file can be compared with the two it may be.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import signal

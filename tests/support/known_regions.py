@@ -4,8 +4,6 @@ Two agents: the equilibria are roots of one equation in one unknown, found here 
 hold one, and how near it comes is the gap.  Linear: no rate may be above that of the slowest eigenvalue.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -15,12 +13,10 @@ from typing import Any
 
 import numpy as np
 from campaigns import Tally
+from linked import loop_by_hand
 from scipy import optimize
 
-from dobc_design.certification.certify import certify
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
+from dobc_design import Network, Problem, Verdict, certify
 
 REGIONAL = ("max-separable", "lure", "exhaustive")
 FAR = 40.0
@@ -111,13 +107,10 @@ def linear_problem(seed: int) -> tuple[Problem, np.ndarray]:
     n = r.randint(2, 7)
     arcs = [(i, j, Fraction(r.randint(1, 6), 2)) for i in range(n) for j in range(n) if i != j and r.random() < 0.4]
     gains = {i: Fraction(r.randint(1, 8), 2) for i in range(n) if r.random() < 0.4}
-    M = np.diag([-float(gains.get(i, 0)) for i in range(n)])
-    for i, j, w in arcs:
-        M[i, j] += float(w)
-        M[i, i] -= float(w)
     network = Network.from_arcs([[i + 1, j + 1, w] for i, j, w in arcs], arrow="listens_to", agents=n)
     gains = {i + 1: k for i, k in gains.items()}
-    return Problem(network=network, coupling="y", gains=gains, target=0, region={"initial_states": [-1, 1]}), M
+    problem = Problem(network=network, coupling="y", gains=gains, target=0, region={"initial_states": [-1, 1]})
+    return problem, loop_by_hand(problem)
 
 
 def linear_campaign(seeds: Any) -> Known:

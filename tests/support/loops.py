@@ -1,7 +1,5 @@
 """Small loops that several tests of simulations share, and runs of them with a given gain."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from dobc_design import Ensemble, Exosystem, Network, Observer, Problem, Trajectory

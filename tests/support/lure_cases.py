@@ -1,7 +1,5 @@
 """Problems of the regional certificates, and their derivatives written out in NumPy, independent of the package."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from random import Random
 from typing import Any
@@ -9,14 +7,11 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from dobc_design import Exosystem, Network, Problem, Verdict
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.exact.matrix import to_float
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 PAPER = "exp(y) - 1 + y"
 HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])

@@ -1,7 +1,5 @@
 """Tolerances and inputs for the lone checker: certificates of one agent that `certify` makes, and just-false twins."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from functools import cache
@@ -9,13 +7,10 @@ from typing import Any
 
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case
 
+from dobc_design import Network, Observer, Problem, certify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem, harmonics
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 REGION = {"initial_states": [-1, 1]}
 SEEN = {"exosystem": harmonics([2]), "observer": Observer(W=[["16/5"], ["12/5"]])}
@@ -42,7 +37,8 @@ def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, wit
         del document[without]
     if table is not None:
         document["actuators"]["amplitude"], document["simulation"]["xi0"] = None, table
-    data = json.dumps(document).encode()
+    text = json.dumps(document, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    data = f"{text}\n".encode()
     claims["problem_sha256"] = hashlib.sha256(data).hexdigest()
     return Case(f"margins {id} {sorted(changes)} {table} {without}", json.dumps(claims).encode(), data, code)
 

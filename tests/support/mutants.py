@@ -1,7 +1,5 @@
 """Random single changes of a certificate's JSON: what a forger, a bad disk or a bug would do."""
 
-from __future__ import annotations
-
 import json
 from fractions import Fraction
 from random import Random

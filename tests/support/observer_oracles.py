@@ -1,7 +1,5 @@
 """Norms and sampled errors of an observer by python-control and SciPy."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy import linalg
 

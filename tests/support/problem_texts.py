@@ -1,7 +1,5 @@
 """Small problem files that several tests change and certify."""
 
-from __future__ import annotations
-
 import re
 
 from dobc_design.problem.load import builtin_text

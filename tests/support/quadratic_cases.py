@@ -3,8 +3,6 @@
 Two agents that hear each other, or the second the first, so that every number can be worked out on paper.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 from typing import Any

@@ -3,8 +3,6 @@
 The oracle is SymPy for the derivative and mpmath at 200 bits for the values; nothing of the package takes part.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
@@ -73,20 +71,21 @@ class _Printer(MpmathPrinter):
         return f"{self._module_format('mpmath.mpf')}({int(number)})"
 
 
+PRINTER = _Printer({"fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True})
+
+
+def names(variables: dict[str, Any]) -> dict[str, Any]:
+    """What SymPy reads a coupling with."""
+    clip = {"clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(x, hi))}
+    return {**variables, "abs": sympy.Abs, "min": sympy.Min, "max": sympy.Max, **clip}
+
+
 @cache
 def truth(text: str) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
     """h and h' as functions of mpmath numbers; to be called at BITS bits."""
     y = sympy.symbols("y", real=True)
-    names = {
-        "y": y,
-        "abs": sympy.Abs,
-        "min": sympy.Min,
-        "max": sympy.Max,
-        "clip": lambda x, lo, hi: sympy.Max(lo, sympy.Min(hi, x)),
-    }
-    h = sympy.sympify(text, locals=names, rational=True)
-    printer = _Printer({"fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True})
-    return tuple(sympy.lambdify(y, each, "mpmath", printer=printer) for each in (h, sympy.diff(h, y)))
+    h = sympy.sympify(text, locals=names({"y": y}), rational=True)
+    return tuple(sympy.lambdify(y, each, "mpmath", printer=PRINTER) for each in (h, sympy.diff(h, y)))
 
 
 def true_values(text: str, y: Fraction) -> tuple[Fraction, Fraction, Fraction]:

@@ -6,8 +6,6 @@ agents, one agent, couplings with irrational slopes, with kinks, with negative s
 ``random_linear_problem(seed)``: exactly linear couplings only.  No solver of the package is used.
 """
 
-from __future__ import annotations
-
 import warnings
 from fractions import Fraction
 from random import Random
@@ -16,10 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design import Exosystem, Network, Observer, Problem
 
 LINEAR = ("y", "2*y", "y/3", "5*y/2", "-y/8", "y*exp(1)", "pi*y/2")
 CURVED = ("tanh(y)", "exp(y) - 1 + y", "y + y**3", "sin(y)", "atan(y)/2", "sinh(y)", "y**3", "y - y**2")

@@ -5,8 +5,6 @@ the same optimum when m = 1 or Lambda = Lambda_n (x) I_m, and takes up to a thou
 this one is the stricter.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Random problems that ask for a region, their certificates, and changes of what these say about regions."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from fractions import Fraction
@@ -15,12 +13,9 @@ from known_regions import two_agents
 from random_problems import random_problem
 from region_oracle import IDS
 
+from dobc_design import Exosystem, Observer, Problem, certify, verify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify, verify
 from dobc_design.problem.canonical import canonical_document, problem_from_canonical
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.problem import Problem
 
 COUPLINGS = (*separable_problems.MONOTONE, *separable_problems.TURNING, "clip(y, -1, 1)", "y + abs(y)/3")
 WIDE = ("", "-", "0", "1", "-1", "1/0", "NaN", None, [], {}, True, 0, -1, 1e308)

@@ -3,8 +3,6 @@
 The consensus part of every certificate is what ``certify`` finds; its claims about regions are replaced by ours.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import json
@@ -16,15 +14,10 @@ from typing import Any
 import mpmath
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, bend, network, scalar
 
+from dobc_design import Exosystem, Observer, Problem, certify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
-from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.kinds import KINDS
-from dobc_design.errors import CertificateError
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.problem import Problem
 
 GLOBAL = "global"
 REFUTED: Document = {"verdict": "refuted", "rate": None, "covered_by": None}
@@ -238,14 +231,6 @@ def second_box(radius: Any = "1e-6", *, shift: Any = 0, components: int = 1) -> 
     return claim("equilibrium", "consensus", None, {"mode": "G", "box": texts}, verdict="refuted", witness=witness)
 
 
-def judged(case: Case) -> int:
-    """What the package says of a case: as the lone checker's exit code."""
-    try:
-        return HOLDS if recheck(case.certificate, problems()[case.name.partition(": ")[0]]).holds else FAILS
-    except CertificateError:
-        return UNREADABLE
-
-
 @cache
 def region_cases() -> list[Case]:
     """All of them, the good ones first."""
@@ -431,7 +416,10 @@ def _bent_lure() -> Iterator[Case]:
         yield case("two kinds", FAILS, changed(two, ranges=ranges), what=f"gains {gains}")
     tau = changed(two, multipliers={"G": ["1", "1"]})
     yield case("two kinds", FAILS, tau, what="a multiplier of one gain")
-    yield from bents("cubic", CUBIC, {"ranges": []}, {"ranges": CUBIC["exact"]["ranges"] * 2})
+    yield from bents(
+        "cubic", CUBIC, {"ranges": []}, {"ranges": CUBIC["exact"]["ranges"] * 2}, {"ranges": {}}, {"P_e": "I"}
+    )
+    yield from bents("cubic", CUBIC, {"ranges": [CUBIC["exact"]["ranges"][0] | {"coupling": False}]})
     taus = {"G": ["1", "0"]}, {"G": ["1", "-1"]}, {"G": ["1"]}, {"H": ["1", "1"]}, {"G": ["1", "1"], "H": []}
     yield from bents("cubic", CUBIC, *({"multipliers": tau} for tau in taus), {"method": "vertices"})
     yield from bents("cubic", CUBIC, {"method": "circle", "multipliers": {}}, {"rate": 2.71})
@@ -473,6 +461,10 @@ def _bent_equilibria() -> Iterator[Case]:
     yield case("second", FAILS, changed(good, witness=witness), **REFUTED, what="not the middle")
     empty = [[hi, lo] for lo, hi in good["exact"]["box"]]
     yield case("second", FAILS, changed(good, box=empty), **REFUTED, what="an empty box")
+    yield from bents(
+        "second", good, {"box": good["exact"]["box"][:1]}, {"box": "text"}, {"box": [["1"]] * 2}, **REFUTED
+    )
+    yield from bents("second", good, {"witness": {"kind": "vector", "values": good["witness"]["values"]}}, **REFUTED)
 
 
 def _bent_frames() -> Iterator[Case]:

@@ -4,8 +4,6 @@ Suprema over intervals are taken at end points and turning points; each of these
 what they contradict is false whatever was missed in between.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -14,9 +12,8 @@ import flint
 import mpmath
 import numpy as np
 import sympy as sp
-from sympy.printing.pycode import MpmathPrinter
+from random_couplings import PRINTER, names
 
-BITS = 200
 GRID = 4001
 MANY = 400
 FINE = Fraction(1, 10**40)  # what 200 bits leave, relative to the terms
@@ -60,13 +57,6 @@ def top(M: Any) -> Any:
     return max(mpmath.eigsy(mpmath.matrix(rows), eigvals_only=True)) if rows else mpmath.mpf(0)
 
 
-class _Printer(MpmathPrinter):
-    """Integers as mpmath numbers, so that no quotient of two of them becomes a float."""
-
-    def _print_Integer(self, number: Any) -> str:  # noqa: N802 - SymPy's name
-        return f"{self._module_format('mpmath.mpf')}({int(number)})"
-
-
 class Curve:
     """One coupling in y alone, and its quotient h(y)/y."""
 
@@ -74,8 +64,7 @@ class Curve:
         y = sp.Symbol("y", real=True)
         h = sp.sympify(text, locals=names({"y": y, "y1": y}), rational=True)
         fast = sp.lambdify(y, h, "numpy")
-        printer = _Printer({"fully_qualified_modules": False, "inline": True, "allow_unknown_functions": True})
-        slow = sp.lambdify(y, h, "mpmath", printer=printer)
+        slow = sp.lambdify(y, h, "mpmath", printer=PRINTER)
         self.true = lambda x: mpmath.mpf(slow(mp(x)))
         self.fast = lambda x: np.asarray(fast(x) + 0 * x, dtype=float)
         self._turns: dict[tuple[float, bool], Any] = {}
@@ -139,11 +128,6 @@ def is_linear(text: str) -> bool:
     return not h.has(sp.Abs, sp.Min, sp.Max) and all(
         sp.simplify(sp.diff(h, a, b)) == 0 for a in h.free_symbols for b in h.free_symbols
     )
-
-
-def names(variables: dict[str, Any]) -> dict[str, Any]:
-    clip = {"clip": lambda x, lo, hi: sp.Max(lo, sp.Min(x, hi))}
-    return {**variables, "abs": sp.Abs, "min": sp.Min, "max": sp.Max, **clip}
 
 
 def _extremes(h: Any, grid: Any) -> Any:

@@ -5,15 +5,14 @@ the worst of them decided by mpmath at 200 bits; matrices over flint's rationals
 what 200 bits leave; what it misses is wrong by less than its samples can see (tests show that 1e-6 is seen).
 """
 
-from __future__ import annotations
-
 import base64
 from fractions import Fraction
 from typing import Any
 
 import mpmath
 import numpy as np
-from region_curves import BITS, FINE, Curve, curve, diagonal, exact, field_part, fmpq, is_linear, mp, positive, rational
+from random_couplings import BITS
+from region_curves import FINE, Curve, curve, diagonal, exact, field_part, fmpq, is_linear, mp, positive, rational
 from region_quadratic import Quadratic
 from region_settling import false_settling
 from scipy import optimize

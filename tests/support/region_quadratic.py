@@ -4,8 +4,6 @@ Matrix inequalities are decided over flint's rationals, gains at the extremes of
 random points of the level set: the page itself is tested with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from itertools import product

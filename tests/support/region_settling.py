@@ -4,8 +4,6 @@ Rows are sampled on every segment, in floats; certificates are looked at by the 
 exponentials by mpmath at 200 bits.
 """
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any

@@ -1,14 +1,10 @@
 """Problems and certificates with what is asked of regions taken away, for tests of the consensus alone."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 
-from dobc_design.conditions.check import Check
+from dobc_design import Check, Problem, load_problem
 from dobc_design.problem.canonical import canonical_document, problem_from_canonical
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.problem import Problem
 
 REGIONAL = ("max-separable", "delay", "sampling", "lure", "exhaustive", "equilibrium")
 

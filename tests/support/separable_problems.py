@@ -1,15 +1,12 @@
 """Networks that the tests of the max-separable certificate share, and a slow oracle for its rows."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from random import Random
 from typing import Any
 
 import numpy as np
 
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design import Network, Problem
 
 PAPER = "exp(y) - 1 + y"
 MONOTONE = (PAPER, "tanh(y)", "y + y**3", "atan(2*y)", "y", "sinh(y)/2", "y + sin(y)/2")

@@ -1,15 +1,11 @@
 """A certified envelope against simulated runs: random starts, corners of the box, and the switching of the problem."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
-from dobc_design.conditions.schedule.decide import Settling
+from dobc_design import Problem, Settling, simulate
 from dobc_design.exact.matrix import to_float
-from dobc_design.problem.problem import Problem
-from dobc_design.simulation.runs import simulate
 
 CORNERS = 8
 SAMPLES = 401

@@ -1,7 +1,5 @@
 """Reports and comparisons in their forms, from what a test has at hand, and a page taken apart."""
 
-from __future__ import annotations
-
 from html.parser import HTMLParser
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Ensembles under stress and the same runs one by one, compared in everything that both have."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import loops

@@ -1,15 +1,11 @@
 """Small problems without pins and without W, for designs that take a moment."""
 
-from __future__ import annotations
-
 from random import Random
 from typing import Any
 
 import numpy as np
 
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
+from dobc_design import Exosystem, Network, Problem
 
 CONSTANT = Exosystem(A=[[0]], C=[[1]])
 HIDDEN = Exosystem(A=[[0, 0], [0, 0]], C=[[1, 0]])  # C never sees the second state, which does not decay

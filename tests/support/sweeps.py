@@ -1,7 +1,5 @@
 """Sweeps in real processes that are killed on the way, and what has to be the same in the end."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

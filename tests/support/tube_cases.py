@@ -3,8 +3,6 @@
 Two agents, so that every row can be worked out on paper: where a face falls fastest is said beside it.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from functools import cache
@@ -95,13 +93,7 @@ STRETCHED = settling(box(1, 0.5), "0.01", "4.6764", HEARD, last("quadratic", STE
 # E stays for ever: -3 u + 1/2 <= u' allows 1 to fall to 4.5/7; level^2 >= 4 * 0.65^2 + 8/4.
 STAYING = tube(["0", "1/4"], ["1", "1"], ["0.65"] * 2, P=[["1"]], beta="1/1000", size="1")
 STILL = settling(box(1, 0.5), "0.01", "6", STAYING, last("quadratic", STEEP, "1.921", "0.707107", "2"))
-GOOD = {
-    "line": LINE,
-    "curved line": CURVE,
-    "cubic": CUBIC,
-    "bent": UNEVEN,
-    "matrix": MIXED,
-}
+GOOD = {"line": LINE, "curved line": CURVE, "cubic": CUBIC, "bent": UNEVEN, "matrix": MIXED}
 
 
 @cache

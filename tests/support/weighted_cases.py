@@ -1,7 +1,5 @@
 """Weighted theorems and linearisations for the lone checker: claims written by hand, and just-false twins."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from typing import Any
@@ -9,12 +7,9 @@ from typing import Any
 from checker_cases import FAILS, HOLDS, Case, Document, bend, network, scalar
 from region_cases import claim
 
+from dobc_design import Exosystem, Observer, Problem, certify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.problem import Problem
 
 LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
 WATCHED: dict[str, Any] = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}

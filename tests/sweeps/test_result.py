@@ -1,7 +1,5 @@
 """What a sweep leaves: tables in every format with the same content, answers, figures."""
 
-from __future__ import annotations
-
 import csv
 import json
 import sys

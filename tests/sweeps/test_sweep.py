@@ -1,7 +1,5 @@
 """Sweeps: every case once, failures among them, stopped and resumed; the same whoever computes it."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -15,13 +13,12 @@ from problem_texts import CHAIN
 from sweeps import without_times
 
 import dobc_design as dd
+from dobc_design import Verdict, load_problem
 from dobc_design.errors import SpecError
-from dobc_design.problem.load import load_problem
 from dobc_design.sweeps import running
 from dobc_design.sweeps.plan import Plan, Task, make_plan
 from dobc_design.sweeps.result import Journal
 from dobc_design.sweeps.running import LOKY, State, TooLong, outcomes, run_case, sweep, within
-from dobc_design.verdict import Verdict
 
 OVER = {"pinning.gains.3": "0,4", "coupling.h": "y,-y,y+1", "network.modes.G[0][2]": "~uniform(0.5,2)"}
 

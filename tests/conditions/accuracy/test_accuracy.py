@@ -1,7 +1,5 @@
 """Final bounds: known answers, the exact L-infinity gain of linear loops, twins that just fail, both programs."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from fractions import Fraction
@@ -13,6 +11,7 @@ import numpy as np
 import pytest
 from disturbed import exact_gain, final_errors, linear_problem
 
+from dobc_design import Problem, Verdict, load_problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify as certified
 from dobc_design.certification.recheck import recheck
@@ -22,9 +21,6 @@ from dobc_design.conditions.check import Check, Values
 from dobc_design.exact.matrix import matrix, multiply
 from dobc_design.exact.peaks import peak_gains
 from dobc_design.problem.canonical import canonical_bytes
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 certify = cache(certified)
 PAPER = load_problem("paper-fixed")
@@ -59,18 +55,18 @@ def both(problem: Problem, change: Any) -> tuple[bool, bool]:
 
 
 def test_the_peak_gains_of_the_paper():
-    """Theory, section 12: 1.33276; the bounds come down to it from above with shorter steps."""
+    F, C = matrix([[0, 1], [-1, 0]]), matrix([[1, 0]])
+    assert peak_gains(F, C, [], step=Fraction(1, 100), steps=2000) is None
+    # Theory, section 12: 1.33276; the bounds come down to it from above with shorter steps.
     F, C, W = matrix([["-16/5", 2], ["-22/5", 0]]), matrix([[1, 0]]), matrix([["16/5"], ["12/5"]])
     coarse, fine = (peak_gains(F, C, [W], step=Fraction(1, n), steps=12 * n) for n in (50, 1000))
     assert coarse is not None
     assert fine is not None
     assert float(fine[1]) == pytest.approx(1.33276, abs=1e-5)
     assert all(a >= b for a, b in zip(coarse, fine, strict=True))
-
-
-def test_an_observer_that_does_not_decay_has_no_peak_gain():
-    F, C = matrix([[0, 1], [-1, 0]]), matrix([[1, 0]])
-    assert peak_gains(F, C, [], step=Fraction(1, 100), steps=2000) is None
+    # F W of the measurement gain, by hand.
+    F, W = matrix([["-16/5", 2], ["-22/5", 0]]), matrix([["16/5"], ["12/5"]])
+    assert multiply(F, W) == matrix([["-136/25"], ["-352/25"]])
 
 
 @pytest.mark.parametrize("rate", [1, 3])
@@ -90,19 +86,13 @@ def test_linear_paper_network_ends_within_the_known_bounds():
     assert "0.6999 (agents 2, 7)" in row(LINEAR).reason
 
 
-def test_two_modes_take_the_worse_arcs_agent_by_agent():
+def test_bounds_of_two_agents_have_closed_forms():
     """One agent pinned with 1, the other hears it with weight 1 or 2: the bound is that of weight 1."""
     problem = linear_problem(2, {"a": [(1, 0, "1")], "b": [(1, 0, "2")]}, {"1": "1"}).replace(uncertainty=OMEGA)
     assert bounds(problem) == pytest.approx([0.1, 0.2], rel=1e-4)
-
-
-def test_noise_of_every_state_moves_couplings_and_pins():
-    """No observer: b_1 = nubar k, b_2 = 2 nubar w."""
+    # No observer: b_1 = nubar k, b_2 = 2 nubar w.
     problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(uncertainty={"measurement": "1/100"})
     assert bounds(problem) == pytest.approx([0.01, 0.03], rel=1e-4)
-
-
-def test_drift_alone_needs_an_exosystem():
     problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(uncertainty={"drift": "1/100"})
     assert not [check for check in certify(problem).checks if check.id == "accuracy"]
 
@@ -148,40 +138,8 @@ def scaled(path: list[Any], factor: str) -> Any:
     return change
 
 
-MUTANTS = {
-    "level": (["stages", -1, "level"], "0.9999"),
-    "v": (["stages", -1, "v", 1], "0.9999"),
-    "alpha": (["stages", -1, "alpha"], "1e6"),
-    "bound": (["bounds", "2"], "0.9999"),
-    "disturbance": (["peaks", "disturbance"], "0.9999"),
-    "drift": (["peaks", "drift"], "0.9999"),
-    "measurement": (["peaks", "measurement"], "0.9999"),
-    "step": (["peaks", "step"], "2"),
-    "rho": (["stages", 0, "rho"], "1.5"),
-    "inner rho": (["stages", -1, "rho"], "0.9"),
-    "kappa": (["kappa"], "1/9"),
-    "beta": (["beta"], "9"),
-}
-
-
-@pytest.mark.parametrize("name", list(MUTANTS)[:8])
-def test_a_linear_claim_that_says_a_little_more_is_refused_by_both(name: str):
-    assert both(LINEAR, scaled(*MUTANTS[name])) == (False, False)
-
-
 def test_the_unchanged_linear_claim_is_accepted_by_both():
     assert both(LINEAR, lambda exact: None) == (True, True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", list(MUTANTS))
-def test_a_curved_claim_that_says_more_is_refused_by_both(name: str):
-    assert both(CURVED, scaled(*MUTANTS[name])) == (False, False)
-
-
-def test_one_label_less_or_more_is_refused():
-    assert both(LINEAR, lambda exact: exact["bounds"].pop("2")) == (False, False)
-    assert both(LINEAR, lambda exact: exact["bounds"].update(x="1")) == (False, False)
 
 
 def test_larger_inputs_are_not_covered():
@@ -201,9 +159,3 @@ def test_larger_inputs_are_not_covered():
 def test_the_bound_is_never_below_the_exact_gain(seed: int):
     problem, gain = exact_gain(seed)
     assert np.all(np.array(bounds(problem)) >= gain)
-
-
-def test_matrix_products_of_the_paper():
-    """F W of the measurement gain, by hand."""
-    F, W = matrix([["-16/5", 2], ["-22/5", 0]]), matrix([["16/5"], ["12/5"]])
-    assert multiply(F, W) == matrix([["-136/25"], ["-352/25"]])

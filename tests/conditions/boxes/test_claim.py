@@ -1,7 +1,5 @@
 """Bounds of V' on boxes: never below what is found at points of the box."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from random import Random
 

@@ -1,7 +1,5 @@
 """Boxes around a quadratic certificate: radii of small networks, what just fails, simulation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from fractions import Fraction
@@ -10,14 +8,12 @@ import numpy as np
 import pytest
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, is_proved, random_problem, values_along
 
+from dobc_design import Network, Problem, Verdict
 from dobc_design.conditions.boxes.decide import Shell, verify_shell
 from dobc_design.conditions.boxes.stage import grow_shell
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import border_of, covered_radius
 from dobc_design.conditions.quadratic.propose import design_lure
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 
 def inner(problem: Problem, **options) -> Lure:

@@ -1,7 +1,5 @@
 """The exhaustive proof of a region: small networks, on request."""
 
-from __future__ import annotations
-
 import json
 import math
 from fractions import Fraction
@@ -10,17 +8,12 @@ from typing import Any
 import pytest
 from lure_cases import PAPER
 
+from dobc_design import Check, Network, Problem, Region, Verdict, certify, verify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify, verify
 from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.boxes import stage as boxes
 from dobc_design.conditions.boxes.stage import exhaustive_stage
-from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import read_region
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region
-from dobc_design.verdict import Verdict
 
 
 def ring(n: int, gains: Any, side: str, *, coupling: Any = PAPER) -> Problem:

@@ -3,8 +3,6 @@
 The oracle builds J from Kronecker products and SymPy's derivatives, and shares no code with the package.
 """
 
-from __future__ import annotations
-
 import tracemalloc
 from fractions import Fraction
 from itertools import islice, product
@@ -18,15 +16,13 @@ from linked import linked
 from random_problems import CURVED, IRRATIONAL, LINEAR, PLANE_CURVED, PLANE_LINEAR, SPACE_LINEAR, random_problem
 from separable_problems import cycle
 
+from dobc_design import Exosystem, Network, Problem
 from dobc_design.conditions.consensus import claim
 from dobc_design.conditions.consensus.claim import LARGE_ROWS, jacobians_at_consensus, lemma1, omega, state_theorems
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import identity, kronecker, matrix, multiply
 from dobc_design.exact.pencil import Unknown, below, positive
 from dobc_design.exact.symmetric import IntegerSymmetric, SparseSymmetric
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 
 
 def applicable(count):

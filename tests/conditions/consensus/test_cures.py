@@ -1,7 +1,5 @@
 """Proposals of gains as people type them, and which agents to pin: symmetric networks, closed groups, every subset."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import combinations
 from random import Random

@@ -1,8 +1,6 @@
 """Enclosed matrices proved or refuted for all that they enclose, and who carries a direction that is not held, in
 labels and in words; every vector multiplied out by the oracle."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from random import Random
 
@@ -10,7 +8,7 @@ import numpy as np
 from exact_oracle import Oracle, form
 from linked import linked
 
-from dobc_design.certification.certify import certify
+from dobc_design import Verdict, certify
 from dobc_design.conditions.check import Check, Fix, main_cure, other_cures
 from dobc_design.conditions.consensus import network
 from dobc_design.conditions.consensus.claim import state_theorems
@@ -19,7 +17,6 @@ from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_
 from dobc_design.conditions.numbers import claimed
 from dobc_design.exact.pencil import Deviation
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.verdict import Verdict
 
 
 def random_enclosed(seed):

@@ -1,7 +1,5 @@
 """The smallest pinning gains against a semidefinite program in cvxpy, known answers, and every agent tried."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from random import Random
@@ -13,6 +11,7 @@ import pytest
 from linked import linked
 
 import dobc_design as dd
+from dobc_design import Network, Problem, Verdict
 from dobc_design.conditions.consensus.pinning import (
     fastest_rate,
     for_rate,
@@ -22,10 +21,7 @@ from dobc_design.conditions.consensus.pinning import (
     smallest_gains,
     solve_shared,
 )
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.propose import greedy_set
-from dobc_design.verdict import Verdict
 
 
 def digraph(r: Random, n: int, **changes) -> Problem:

@@ -1,7 +1,5 @@
 """Floating-point estimates against NumPy on the full matrices, and the float Lambda against the exact one."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import combinations
 
@@ -13,7 +11,7 @@ from linked import linked
 from random_problems import random_problem
 from scipy import sparse
 
-from dobc_design.certification.certify import certify
+from dobc_design import Problem, Verdict, certify
 from dobc_design.conditions.consensus import propose
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.propose import (
@@ -30,8 +28,6 @@ from dobc_design.conditions.consensus.propose import (
     witness_directions,
 )
 from dobc_design.exact.matrix import multiply, to_float
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 PAPER_GAIN = ((Fraction(16, 5),), (Fraction(12, 5),))
 PAPER_P = ((Fraction(1, 2), Fraction(-1, 4)), (Fraction(-1, 4), Fraction(1, 3)))

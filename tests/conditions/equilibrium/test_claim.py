@@ -1,7 +1,5 @@
 """The numbers of Krawczyk's test: f at a point, and slopes that hold every difference quotient."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from random import Random
 

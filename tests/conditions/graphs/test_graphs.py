@@ -1,27 +1,20 @@
 """`safety` and `markov`: what `certify` proves, beside moments and graphs that others computed."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 
 import networkx as nx
 import numpy as np
 import pytest
+from linked import loop_by_hand
 
-from dobc_design.certification.certify import certify
+from dobc_design import Exosystem, Network, Problem, Switching, Verdict, certify, simulate
 from dobc_design.certification.recheck import verify_twice
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.graphs.decide import closed_classes, why_not
 from dobc_design.conditions.graphs.stage import markov_stage, mean_claim, square_claim
 from dobc_design.errors import SpecError
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
 from dobc_design.report.words import what_it_means
-from dobc_design.simulation.runs import simulate
-from dobc_design.verdict import Verdict
 
 PAPER = "exp(y) - 1 + y"
 CHAIN = {"A": [[3, 2]], "B": [[2, 1]]}
@@ -61,16 +54,7 @@ def drawn(rng: np.random.Generator, *, n: int, count: int) -> tuple[dict[str, An
 
 def systems(own: Problem, sign: float = 1.0) -> list[np.ndarray]:
     """A_p = J_p - K of h = sign y, with scalar gains."""
-    found = []
-    for arcs in own.network.modes.values():
-        A = np.zeros((own.n, own.n))
-        for i, j, w in arcs:
-            A[i, j] += sign * float(w)
-            A[i, i] -= sign * float(w)
-        for i, k in own.pinning.gains.items():
-            A[i, i] -= float(k[0][0])
-        found.append(A)
-    return found
+    return [loop_by_hand(own, mode, slope=sign) for mode in own.network.modes]
 
 
 def rates_of(systems: list[np.ndarray], generator: Any) -> tuple[float, float]:
@@ -204,21 +188,18 @@ def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(guarantee: 
     assert verify_twice(found.claims, found.problem).holds
 
 
-def test_a_box_as_large_as_couplings_rise():
-    """sin rises up to pi/2: a box of pi/4 at most; the region asks for more."""
-    found = certify(problem(coupling="sin(y)", region={"initial_states": [-2, 2]}))
-    check = check_of(found, "markov")
-    assert (check.verdict, check.domain["radius"]) == (Verdict.PROVED, 0.5)
-    assert found.verdict is Verdict.UNDECIDED
-    assert "consensus is proved from |e_i| <= 0.5 (markov)" in found.reason
-
-
-def test_nothing_is_assumed_without_the_guarantee():
+def test_a_box_as_large_as_couplings_rise_and_nothing_without_the_guarantee():
     switching = Switching(signal="markov", generator=[[-1, 1], [2, -2]])
     found = certify(problem(switching=switching))
     assert "markov" not in {each.id for each in found.claims.checks}
     with pytest.raises(SpecError, match=r"switching\.generator is required"):
         Switching(guarantee="markov")
+    # sin rises up to pi/2: a box of pi/4 at most; the region asks for more.
+    found = certify(problem(coupling="sin(y)", region={"initial_states": [-2, 2]}))
+    check = check_of(found, "markov")
+    assert (check.verdict, check.domain["radius"]) == (Verdict.PROVED, 0.5)
+    assert found.verdict is Verdict.UNDECIDED
+    assert "consensus is proved from |e_i| <= 0.5 (markov)" in found.reason
 
 
 def test_all_pinned_agents_reach_the_target_for_every_graph():
@@ -251,12 +232,15 @@ def test_an_observer_takes_its_part_of_the_box():
     assert (error.kappa**2 * error.size) <= (claim.box.rho - 1) ** 2
 
 
-def test_without_a_pin_the_box_holds_and_nothing_else_is_said():
+def test_without_a_pin_the_box_holds_and_couplings_that_fall_are_left_open():
     own = problem(coupling="y + y**3", switching=MOBILE, region={"initial_states": [-2, 2]})
     found = certify(own)
     check = check_of(found, "safety")
     assert (check.verdict, check.rate, found.verdict) == (Verdict.PROVED, None, Verdict.UNDECIDED)
     assert 'agents 2 and 3); a guarantee on time would help (guarantee = "dwell")' in found.reason
+    check = check_of(certify(problem(coupling="-y", gains=5, switching=MOBILE)), "safety")
+    assert check.verdict is Verdict.UNDECIDED
+    assert "not shown to rise" in check.reason
 
 
 def test_other_proofs_of_a_moving_graph_are_about_the_declared_modes():
@@ -278,9 +262,3 @@ def test_no_simulated_agent_that_moves_leaves_the_box():
         start = rng.uniform(-1, 1, (5, 1))
         run = simulate(own, start=start, t_final=5, seed=seed)
         assert np.max(np.abs(run.x)) <= np.max(np.abs(start)) * (1 + 1e-9)
-
-
-def test_couplings_that_fall_are_left_open():
-    check = check_of(certify(problem(coupling="-y", gains=5, switching=MOBILE)), "safety")
-    assert check.verdict is Verdict.UNDECIDED
-    assert "not shown to rise" in check.reason

@@ -1,7 +1,5 @@
 """Observability, detectability and the observer error, decided; rates at their edge."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import islice
 
@@ -10,6 +8,7 @@ import sympy as sp
 from exact_oracle import Oracle, hurwitz
 from random_problems import random_problem
 
+from dobc_design import Exosystem, Verdict
 from dobc_design.conditions.consensus.network import name_agents, reachability_check
 from dobc_design.conditions.observer.decide import (
     detectability_check,
@@ -19,8 +18,6 @@ from dobc_design.conditions.observer.decide import (
     observability_check,
     observable_part_is_hurwitz,
 )
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.verdict import Verdict
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 

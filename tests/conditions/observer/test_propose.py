@@ -1,7 +1,5 @@
 """Exact pole placement: a gain whenever (A, C) is detectable, found without floating point."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from random import Random
@@ -11,6 +9,7 @@ import pytest
 from certified import certified
 
 import dobc_design as dd
+from dobc_design import Exosystem, Verdict
 from dobc_design.conditions.observer import propose
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.observer.propose import (
@@ -24,8 +23,6 @@ from dobc_design.conditions.observer.propose import (
 from dobc_design.exact.matrix import add, identity, is_symmetric, multiply, scale, to_float
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.verdict import Verdict
 
 
 def reaches(exosystem: Exosystem, W, rate: Fraction) -> bool:

@@ -1,7 +1,5 @@
 """The statements of the regional certificates against the block inequality of theory, section 4, in NumPy."""
 
-from __future__ import annotations
-
 import itertools
 from fractions import Fraction
 from random import Random

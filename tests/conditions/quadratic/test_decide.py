@@ -1,7 +1,5 @@
 """Regional certificates, decided exactly: known radii, what just fails, two agents in closed form."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from fractions import Fraction
@@ -11,6 +9,7 @@ import pytest
 from linked import linked
 from lure_cases import HARMONIC, PAPER_GAIN, cycle, identity, is_proved
 
+from dobc_design import Problem, Verdict
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import covered_radius, covers, eigenvalue_bound, verify_lure
 from dobc_design.conditions.quadratic.sectors import GainRange, enclose_ranges, gains_on
@@ -18,8 +17,6 @@ from dobc_design.errors import ShapeError
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import multiply
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 MORE = Fraction(101, 100)
 

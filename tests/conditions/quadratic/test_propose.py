@@ -1,7 +1,5 @@
 """Certificates that are found: the table of known answers, outside truths, and simulation."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Couplings as bounded gains: the channels reproduce h exactly, and their ranges contain the truth."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

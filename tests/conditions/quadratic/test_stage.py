@@ -1,7 +1,5 @@
 """The quadratic certificate of a region: radii of the theory, when it stops, what it says where it does not reach."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from typing import Any
@@ -11,15 +9,11 @@ from linked import linked
 from lure_cases import HARMONIC, PAPER, PAPER_GAIN
 
 import dobc_design as dd
-from dobc_design.conditions.check import Check
+from dobc_design import Check, Observer, Problem, Region, Verdict
 from dobc_design.conditions.coverage import Asked, read_region
 from dobc_design.conditions.quadratic import stage as quadratic
 from dobc_design.conditions.quadratic.sectors import enclose_ranges, gains_on
 from dobc_design.conditions.quadratic.stage import quadratic_stage
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Region
-from dobc_design.verdict import Verdict
 
 
 def ring(n: int, gains: Any, *, side: str | None = "1", coupling: Any = PAPER, s: str | None = None) -> Problem:

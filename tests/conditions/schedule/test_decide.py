@@ -1,7 +1,5 @@
 """Tubes decided: the words for what does not hold, closed forms, and runs that stay inside."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import replace

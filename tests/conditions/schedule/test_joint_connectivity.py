@@ -3,17 +3,11 @@
 The theorems are theirs, the numbers are ours, because theirs are not quoted: chains, weights and gains of 1, 1 s each.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from dobc_design.certification.certify import certify
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
-from dobc_design.verdict import Verdict
+from dobc_design import Network, Problem, Switching, Verdict, certify
 
 #: Jadbabaie, Lin and Morse 2003, followers that are jointly linked to a leader: undirected links of a chain, in two
 #: halves.  Ren and Beard 2005, a spanning tree in the union only: a chain of directed arcs, one at a time.

@@ -1,7 +1,5 @@
 """Proposals: the box followed in time, the certificate that takes over, and quadratic ones near the target."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

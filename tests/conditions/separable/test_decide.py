@@ -1,13 +1,12 @@
 """The max-separable certificate's rows: what is proved, and its twin that just fails."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from random import Random
 
 import numpy as np
 import pytest
+from linked import loop_by_hand
 from random_couplings import true_values
 from scipy.optimize import linprog
 from separable_problems import (
@@ -22,6 +21,7 @@ from separable_problems import (
     sampled_rows,
 )
 
+from dobc_design import Exosystem, Network, Observer, Problem, Verdict, load_problem
 from dobc_design.conditions.separable.claim import (
     FACES,
     ErrorBound,
@@ -52,12 +52,6 @@ from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.floats import Floats
 from dobc_design.exact.interval import Interval
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 F = Fraction
 ONES = (F(1),) * 10
@@ -370,15 +364,7 @@ def problem_of(seed: int) -> Problem:
 
 def has_common_v(problem: Problem) -> bool:
     """Feasibility of  sum (v_j - v_i) - k_i v_i <= -1,  v >= 1  in every mode; linear h, so scale does not matter."""
-    rows = []
-    for arcs in problem.network.modes.values():
-        matrix = np.zeros((problem.n, problem.n))
-        for i, j, weight in arcs:
-            matrix[i, j] += float(weight)
-            matrix[i, i] -= float(weight)
-        for i, k in problem.pinning.gains.items():
-            matrix[i, i] -= float(k[0][0])
-        rows.append(matrix)
+    rows = [loop_by_hand(problem, mode) for mode in problem.network.modes]
     A, b = np.vstack(rows), -np.ones(problem.n * len(rows))
     answer = linprog(np.ones(problem.n), A_ub=A, b_ub=b, bounds=(1, None), method="highs")
     assert answer.status in (0, 2)
@@ -415,7 +401,7 @@ def of_modes(modes: dict[str, list[list[int]]]) -> Problem:
     return listening(modes, "y", n=3, gains={1: 1}, target=0)
 
 
-def test_two_modes_that_alternate_have_no_common_v():
+def test_orders_of_modes_that_alternate_of_a_cycle_and_of_matrix_gains():
     """Theory, section 5: 3 hears 2 in mode A, 2 hears the pinned 1 in mode B; the twin has both arcs in each."""
     problem = of_modes({"A": [[3, 2]], "B": [[2, 1]]})
     ordering = find_ordering(problem)
@@ -423,10 +409,7 @@ def test_two_modes_that_alternate_have_no_common_v():
     assert is_stuck(problem, (1, 2))
     assert not is_stuck(problem, (0, 1, 2))
     assert find_ordering(of_modes({"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]})).ranks == (0, 1, 2)
-
-
-def test_a_cycle_is_ordered_away_from_its_pin_and_a_matrix_gain_holds_only_if_it_is_diagonally_dominant():
-    """Component c is worth k_cc - sum |k_cd|."""
+    # Component c is worth k_cc - sum |k_cd|.
     assert find_ordering(cycle(5)).ranks == (0, 4, 3, 2, 1)
     assert find_ordering(cycle(5, gains={})).stuck == (0, 1, 2, 3, 4)
     network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
@@ -436,17 +419,14 @@ def test_a_cycle_is_ordered_away_from_its_pin_and_a_matrix_gain_holds_only_if_it
         assert find_ordering(problem).stuck == stuck
 
 
-def test_agents_in_the_same_situation_share_a_row():
+def test_rows_are_shared_and_their_terms_hold_weights_reach_and_step():
     """The undirected cycle with v = 1: one row for the pinned agent, one for the nine others."""
     arcs = [[i, (i + d) % 10 + 1] for i in range(1, 11) for d in (0, -2) if i != (i + d) % 10 + 1]
     problem = listening(arcs, "y", n=10, gains={1: 5}, target=0)
     found = dict(rows(problem, (F(1),) * 10))
     assert sorted((row.gain, place.count) for row, place in found.items()) == [(0, 9), (5, 1)]
     assert all(row.terms == (Term(0, F(2), F(2), F(0)),) for row in found)
-
-
-def test_terms_hold_weights_reach_and_step():
-    """Agent 3 (v = 5) hears 1 (v = 2) with weight 1/2 and 2 (v = 3) with weight 4; stretched by 2."""
+    # Agent 3 (v = 5) hears 1 (v = 2) with weight 1/2 and 2 (v = 3) with weight 4; stretched by 2.
     problem = listening([[3, 1, "1/2"], [3, 2, 4]], "y", n=3, exceptions={(2, 1): "2*y"}, target=0)
     ((row, place),) = rows(problem, fractions(2, 3, 5), agents=[2])
     assert row.terms == (Term(0, F(1, 2), F(7), F(-3)), Term(1, F(4), F(8), F(-2)))
@@ -483,17 +463,14 @@ def test_a_little_more_of_anything_is_refuted():
     assert not covers(CLAIM, radius=F(4), disturbance=F("0.52"))
 
 
-def test_the_row_bound_is_sharp():
+def test_the_row_bound_is_sharp_for_each_row_of_c():
     """c'c <= P for c = (1, 0) iff the Schur complement p11 - p12^2/p22 >= 1; beta = 0.1 leaves room elsewhere."""
     exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0]])
     gain = ((F(0),), (F(0),))
     for p11, holds in ((F(2), True), (F(2) - F(1, 10**30), False)):
         bound = ErrorBound(P=((p11, F(1)), (F(1), F(1))), beta=F(1, 10), kappa=F(11), size=F(3))
         assert (error_bound_obstacle(exosystem, gain, bound) is None) is holds
-
-
-def test_each_row_of_c_is_bounded_by_itself():
-    """C = I and P = I; with the smaller P only the second row fails."""
+    # C = I and P = I; with the smaller P only the second row fails.
     exosystem = Exosystem(A=[[-1, 0], [0, -1]], C=[[1, 0], [0, 1]])
     gain = ((F(0), F(0)), (F(0), F(0)))
     unit = ((F(1), F(0)), (F(0), F(1)))

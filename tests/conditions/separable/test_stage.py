@@ -1,7 +1,5 @@
 """The max-separable stage of ``certify``: the box asked for, the largest one where that fails, and what is said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 
@@ -12,8 +10,8 @@ from confirming import confirmed
 from regions import without_region
 from separable_problems import cycle, listening, pair
 
+from dobc_design import Exosystem, Problem, Verdict, certify
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.check import Values
@@ -22,9 +20,6 @@ from dobc_design.conditions.separable.claim import separable_from_json
 from dobc_design.conditions.separable.propose import design_separable, flatter_plans
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.separable.timing import largest_period
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 

@@ -1,7 +1,5 @@
 """Delays and sampling: rates and periods that are proved, their twins, and simulations that obey them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from fractions import Fraction
 from random import Random
@@ -11,6 +9,7 @@ import pytest
 from scipy.optimize import brentq
 from separable_problems import MONOTONE, PAPER, TURNING, cycle, float_gains, fractions, listening, pair, random_problem
 
+from dobc_design import Problem, Verdict
 from dobc_design.conditions.separable.claim import DelayBound, ErrorBound, SamplingBound, Separable
 from dobc_design.conditions.separable.decide import largest_rate
 from dobc_design.conditions.separable.propose import propose_separable, rounded_vectors
@@ -21,8 +20,6 @@ from dobc_design.conditions.separable.timing import (
     verify_sampling,
 )
 from dobc_design.errors import SpecError
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 F = Fraction
 

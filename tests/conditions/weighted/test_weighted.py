@@ -1,34 +1,23 @@
 """Weighted Theorems 1 and 2: known rates, proofs and their twins that just fail, both programs, both sizes."""
 
-from __future__ import annotations
-
-import json
 from dataclasses import replace
 from fractions import Fraction
 from random import Random
 
 import numpy as np
 import pytest
-from certified import certified
+from linked import loop_by_hand
 from scipy import linalg
 
-from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.certify import certify, verify
+from dobc_design import Check, Network, Problem, Verdict, certify, load_problem, verify
 from dobc_design.certification.recheck import recheck
-from dobc_design.checker.examine import examine
-from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.weighted import decide
 from dobc_design.conditions.weighted.decide import Weighted, confirm, holds, rows_hold
 from dobc_design.conditions.weighted.propose import proposals, weighted_stage
 from dobc_design.exact.symmetric import Doubles
-from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import harmonics
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Simulation
-from dobc_design.verdict import Verdict
 
 PAPER = load_problem("paper-switching")
 #: mu of theory, section 10: gains {label: k}, then by mode.
@@ -62,18 +51,6 @@ def digraph(seed: int, *, n: int | None = None, h: str = "exp(y) - 1 + y", **mor
     listed = [[i + 1, j + 1, Fraction(w, 8)] for (i, j), w in sorted(arcs.items()) if i != j]
     gains = {r.randint(1, n): Fraction(r.randint(1, 40), 4) for _ in range(r.randint(1, max(1, n // 4)))}
     return Problem(network=Network.from_arcs(listed, arrow="listens_to", agents=n), coupling=h, gains=gains, **more)
-
-
-def stiffness(problem: Problem, slope: float) -> np.ndarray:
-    """M = slope L + K, built from the arcs by hand."""
-    M = np.zeros((problem.n, problem.n))
-    (arcs,) = problem.network.modes.values()
-    for i, j, w in arcs:
-        M[i, i] += slope * float(w)
-        M[i, j] -= slope * float(w)
-    for i, k in problem.pinning.gains.items():
-        M[i, i] += float(k[0][0])
-    return M
 
 
 @pytest.mark.parametrize(("gains", "rates"), KNOWN)
@@ -141,7 +118,7 @@ def test_a_long_way_from_the_pin_is_proved_though_no_doubles_hold_the_fastest_we
 @pytest.mark.parametrize("seed", range(12))
 def test_random_digraphs_are_proved_iff_reached_and_at_the_true_rate(seed):
     problem = digraph(seed)
-    mu = float(np.linalg.eigvals(stiffness(problem, 2.0)).real.min())
+    mu = float(np.linalg.eigvals(-loop_by_hand(problem, slope=2.0)).real.min())
     certificate = certify(problem)
     assert certificate.verdict is (Verdict.PROVED if mu > 1e-9 else Verdict.REFUTED)
     if mu > 1e-9:
@@ -159,7 +136,7 @@ def proposal(problem, W=None):
 def test_a_claim_fails_above_the_true_rate_and_with_a_wrong_number(seed):
     problem = digraph(seed)
     statements, claim, rate = proposal(problem)
-    mu = Fraction(float(np.linalg.eigvals(stiffness(problem, 2.0)).real.min()))
+    mu = Fraction(float(np.linalg.eigvals(-loop_by_hand(problem, slope=2.0)).real.min()))
     assert holds(claim, statements, None, rate=rate)
     assert not holds(claim, statements, None, rate=mu * (1 + Fraction(1, 10**6)))
     (mode,) = claim.w
@@ -172,7 +149,7 @@ def test_a_claim_fails_above_the_true_rate_and_with_a_wrong_number(seed):
 def test_what_is_accepted_is_definite_for_an_eigenvalue_solver(seed):
     """D around the proposed ones, and other rates; w from a linear solve."""
     r, problem = Random(seed), digraph(2 * seed + 1, n=6)
-    M, tally = stiffness(problem, 2.0), []
+    M, tally = -loop_by_hand(problem, slope=2.0), []
     statements, start, best = proposal(problem)
     (mode,) = problem.network.modes
     for _ in range(40):
@@ -195,37 +172,12 @@ def test_the_block_condition_of_the_observer_holds():
     check = row(problem)
     D, P = np.diag(np.array(check.claim.D, float)), np.array(check.claim.P, float)
     A, C, W = (np.array(x, float) for x in (problem.exosystem.A, problem.exosystem.C, certificate.claims.W))
-    M, beta, F = stiffness(problem, 2.0), check.rate, A - W @ C
+    M, beta, F = -loop_by_hand(problem, slope=2.0), check.rate, A - W @ C
     corner = -(D @ M + M.T @ D) + 2 * beta * D
     omega = P @ F + F.T @ P + 2 * beta * P
     unit = linalg.block_diag(np.diag(np.diag(D) ** -0.5), np.kron(np.eye(10), np.linalg.inv(linalg.cholesky(P).T).T))
     block = np.block([[corner, np.kron(D, C)], [np.kron(D, C).T, np.kron(np.eye(10), omega)]])
     assert np.linalg.eigvalsh(unit.T @ block @ unit).max() < 0
-
-
-@pytest.mark.parametrize("what", ["rate", "D", "w", "P", "mode"])
-def test_a_changed_claim_is_refused_by_both_programs(what):
-    problem, claims = load_problem("paper-fixed"), certified("paper-fixed").claims
-    checks = []
-    for check in claims.checks:
-        if check.id == "theorem1-weighted":
-            exact = json.loads(json.dumps(check.exact))
-            rate = 0.51 if what == "rate" else check.rate
-            if what == "D":
-                exact["D"][2] = str(2 * Fraction(exact["D"][2]))
-            elif what == "w":
-                exact["w"]["Ga"][2] = str(2 * Fraction(exact["w"]["Ga"][2]))
-            elif what == "P":
-                exact["P"][0][0] = "-" + exact["P"][0][0]
-            elif what == "mode":
-                exact["w"] = {"Gb": exact["w"]["Ga"]}
-            checks.append(replace(check, rate=rate, claim=Values(exact)))
-        else:
-            checks.append(check)
-    changed = replace(claims, checks=tuple(checks))
-    assert any("theorem1-weighted" in failure for failure in recheck(changed, problem).failures)
-    found = examine(certificate_bytes(changed), canonical_bytes(problem))
-    assert next(text for ok, text in found if not ok).startswith("theorem1-weighted")
 
 
 @pytest.mark.parametrize("seed", [1, 3, 4, 7])
@@ -241,14 +193,6 @@ def test_rounded_rows_of_large_networks_agree_with_exact_ones(seed, monkeypatch)
     assert not rows_hold(mode, statements.problem, D, w, rate=rate * 2, sigma=(Fraction(0),))
     tiny = Doubles(D.array * 1e-150)
     assert not rows_hold(mode, statements.problem, tiny, w, **common)  # products below the smallest float
-
-
-@pytest.mark.slow
-def test_groups_have_a_block_of_p_each_and_a_full_p_is_refused():
-    problem = load_problem("uav-swarm")
-    check = row(problem)
-    assert check.verdict is Verdict.PROVED
-    assert check.rate > 0
 
 
 @pytest.mark.parametrize("h", ["-y", "y**3 - y"])

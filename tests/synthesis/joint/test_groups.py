@@ -1,7 +1,5 @@
 """Designs where agents have different exosystems: a W for every group, judged by NumPy and by both checkers."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from pathlib import Path
 
@@ -10,14 +8,10 @@ import pytest
 from small_designs import CONSTANT, HIDDEN, ring
 
 import dobc_design as dd
+from dobc_design import Exosystem, Group, Observer, Problem, Verdict, load_problem
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
 from dobc_design.problem.changes import changed_file, changed_problem, gain_changes
-from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer
-from dobc_design.problem.load import load_problem
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
 
 SINE = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 SLOW = Exosystem(A=[[0, 0], [0, "-1/2"]], C=[[1, 0]])  # the second state decays at 1/2, whatever W is

@@ -1,7 +1,5 @@
 """Joint design: what is designed is certified, and what is refused is impossible by an oracle of its own."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Trade-offs: every curve against a closed form, and what shows them."""
 
-from __future__ import annotations
-
 import sys
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Exact decisions: the paper's W at its borders, norms in closed form and by python-control, what no W can do."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from random import Random
@@ -10,13 +8,12 @@ import numpy as np
 import pytest
 from observer_oracles import control_norm, sampled_in_floats
 
+from dobc_design import Exosystem, Verdict, exosystems
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.observer.propose import hinf_norm
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import matrix, to_float
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_hurwitz
-from dobc_design.problem import exosystems
-from dobc_design.problem.exosystems import Exosystem
 from dobc_design.synthesis.observer.claim import (
     CHANNELS,
     Cone,
@@ -44,7 +41,6 @@ from dobc_design.synthesis.observer.decide import (
     sampled_statements,
     why_impossible,
 )
-from dobc_design.verdict import Verdict
 
 PAPER = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
 W = matrix([["16/5"], ["12/5"]])
@@ -53,36 +49,27 @@ TINY = Fraction(1, 10**12)
 CONSTANT = exosystems.constant()
 
 
-def test_the_paper_gain_decays_at_eight_fifths_and_no_faster():
-    """Theory, known answers: eigenvalues -8/5 +- (2/5) sqrt(39) i."""
+def test_the_paper_gain_has_its_rate_damping_and_disk_exactly():
+    assert hurwitz_statement(F).verdict is Verdict.PROVED
+    assert hurwitz_statement(PAPER.A).verdict is Verdict.REFUTED
+    # Theory, known answers: eigenvalues -8/5 +- (2/5) sqrt(39) i.
     assert rate_holds(F, Fraction(8, 5))
     assert not rate_holds(F, Fraction(8, 5) + TINY)
     assert "with one on its border" in region_statement(F, HalfPlane(left_of="-8/5")).text
     assert "none on its border" in region_statement(F, HalfPlane(left_of="-1.5")).text
     refuted = region_statement(F, HalfPlane(left_of="-1.7"))
     assert (refuted.verdict, refuted.exact["polynomial"]) == (Verdict.REFUTED, "s^2 + 16/5 s + 44/5")
-
-
-def test_the_paper_gain_has_the_damping_four_over_root_fifty_five():
-    """|s|^2 = 44/5 and Re s = -8/5, so damping^2 = 16/55; the bound is irrational, so both neighbours are tested."""
+    # |s|^2 = 44/5 and Re s = -8/5, so damping^2 = 16/55; the bound is irrational, so both neighbours are tested.
     below = Fraction(math.isqrt(16 * 10**24 // 55), 10**12)
     assert below**2 < Fraction(16, 55) < (below + TINY) ** 2
     assert damping_holds(F, below)
     assert not damping_holds(F, below + TINY)
-
-
-def test_the_paper_gain_lies_in_its_disk_exactly():
-    """|s|^2 = 44/5 about 0; about -8/5 the radius is (2/5) sqrt(39)."""
+    # |s|^2 = 44/5 about 0; about -8/5 the radius is (2/5) sqrt(39).
     radius = Fraction(math.isqrt(156 * 10**24 // 25), 10**12)
     assert roots_inside(characteristic_polynomial(F), Disk(centre="-8/5", radius=radius + TINY)) == (True, True)
     assert roots_inside(characteristic_polynomial(F), Disk(centre="-8/5", radius=radius)) == (False, False)
     assert roots_inside(characteristic_polynomial(F), HalfPlane(right_of="-8/5")) == (True, False)
     assert roots_inside(characteristic_polynomial(F), HalfPlane(right_of=Fraction(-8, 5) + TINY)) == (False, False)
-
-
-def test_hurwitz_is_strict():
-    assert hurwitz_statement(F).verdict is Verdict.PROVED
-    assert hurwitz_statement(PAPER.A).verdict is Verdict.REFUTED
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -1,7 +1,5 @@
 """design_observer: what it says is proved for the rounded W, and checked here again; wrong requests name their key."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """What floating point proposes: the inequalities by eigenvalues and python-control, norms and estimates."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Gains for a box: closed forms, a geometric program by cvxpy, rows sampled by hand."""
 
-from __future__ import annotations
-
 import warnings
 from fractions import Fraction
 from random import Random
@@ -13,13 +11,11 @@ from separable_problems import cycle
 from small_designs import digraph, linear_rate, problem_of
 
 import dobc_design as dd
+from dobc_design import Network, Problem, Verdict
 from dobc_design.conditions.separable.decide import covers, verify_composite, verify_separable
 from dobc_design.errors import SpecError
 from dobc_design.problem.changes import changed_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning import search
-from dobc_design.verdict import Verdict
 
 RATE = Fraction(1, 10)
 

@@ -1,7 +1,5 @@
 """design_pinning by V = e'e: it is checked again by an oracle of its own, by exhaustive search and by cvxpy."""
 
-from __future__ import annotations
-
 import warnings
 from fractions import Fraction
 from functools import partial
@@ -18,17 +16,15 @@ from scipy import sparse
 from small_designs import digraph, linear_rate, problem_of, ring, star
 
 import dobc_design as dd
+from dobc_design import Network, Problem, Verdict
 from dobc_design.conditions.consensus.claim import jacobians_at_consensus, state_theorems
 from dobc_design.conditions.consensus.network import Enclosed
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
 from dobc_design.errors import SpecError
 from dobc_design.problem.changes import changed_problem
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.pinning.claim import _up, read_request
 from dobc_design.synthesis.pinning.decide import Ground, limit_of, reaches, slow_direction, structure_of, too_fast
 from dobc_design.synthesis.pinning.propose import make_proposer, slow_directions
-from dobc_design.verdict import Verdict
 
 design_pinning = partial(dd.design_pinning, conservative=True)
 

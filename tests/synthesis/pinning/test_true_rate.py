@@ -1,31 +1,20 @@
 """Gains for the true local rate (V = e'De): closed forms, eigenvalues, exhaustive search, against V = e'e."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from itertools import combinations
 from random import Random
 
 import numpy as np
 import pytest
+from linked import loop_by_hand
 from small_designs import digraph, linear_rate, problem_of, ring
 
 import dobc_design as dd
+from dobc_design import Network, Problem, Verdict
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
 from dobc_design.conditions.weighted.decide import network_holds
 from dobc_design.errors import SpecError
-from dobc_design.problem.network import Network
-from dobc_design.problem.problem import Problem
-from dobc_design.verdict import Verdict
-
-
-def stiffness(problem, mode):
-    M = np.zeros((problem.n, problem.n))
-    for i, j, weight in problem.network.modes[mode]:
-        M[i, j] -= float(weight)
-        M[i, i] += float(weight)
-    return M
 
 
 def by_index(design):
@@ -82,7 +71,7 @@ def test_at_the_optimum_every_pin_raises_the_rate_alike(seed):
     problem = digraph(Random(seed), 6)
     design = dd.design_pinning(problem, rate="3/10", digits=12)
     gains = by_index(design)
-    M = stiffness(problem, "G") + np.diag([gains.get(i, 0.0) for i in range(6)])
+    M = -loop_by_hand(problem) + np.diag([gains.get(i, 0.0) for i in range(6)])
     gradient = np.ones(6)
     for matrix in (M, M.T):
         values, vectors = np.linalg.eig(matrix)
@@ -117,7 +106,7 @@ def test_several_modes_share_weights_or_fall_back_to_the_plain_v():
     assert design.cost < plain.cost
     D = np.diag([float(x) for x in design.weights.D])
     for mode in modes:
-        M = stiffness(problem, mode) + np.diag([by_index(design).get(i, 0.0) for i in range(5)])
+        M = -loop_by_hand(problem, mode) + np.diag([by_index(design).get(i, 0.0) for i in range(5)])
         N = D @ (M - 0.2 * np.eye(5))
         assert np.linalg.eigvalsh(N + N.T).min() > 0
     # each hears the other in one of two modes: by symmetry weights do not help

@@ -1,0 +1,80 @@
+"""All cases written by hand: the exit codes of the lone checker, what the package says, and who misses a check."""
+
+from collections.abc import Callable
+
+import pytest
+from accuracy_cases import accuracy_cases
+from checker_cases import FAILS, HOLDS, UNREADABLE, Case, accepted_by_package, cases, misjudged
+from checker_mutants import FILES, Removal, removals
+from checker_removals import EQUIVALENT, noticed_by
+from cycles_cases import cycles_cases
+from graphs_cases import graphs_cases
+from groups_cases import groups_cases
+from margins_cases import margins_cases
+from quadratic_cases import quadratic_cases
+from region_cases import region_cases
+from tube_cases import tube_cases
+from weighted_cases import problems, weighted_cases
+
+#: How many there are at least: true ones, false ones, and those that cannot be read.
+COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
+    cases: (26, 26, 26),
+    region_cases: (26, 101, 0),
+    quadratic_cases: (7, 31, 0),
+    tube_cases: (14, 101, 0),
+    cycles_cases: (18, 81, 0),
+    graphs_cases: (20, 101, 0),
+    groups_cases: (13, 25, 10),
+    weighted_cases: (1, 1, 0),
+    accuracy_cases: (1, 1, 0),
+    margins_cases: (1, 1, 0),
+}
+
+
+@pytest.mark.parametrize(("some", "least"), COUNTS.items())
+def test_every_case_gets_its_exit_code(some: Callable[[], list[Case]], least: tuple[int, int, int]):
+    """Claims whose truth is known, and twins that just fail in one place each."""
+    assert misjudged(some()) == []
+    for code, count in zip((HOLDS, FAILS, UNREADABLE), least, strict=True):
+        assert sum(case.code == code for case in some()) >= count
+
+
+def test_every_problem_of_the_weighted_cases_is_used():
+    assert {case.name.partition(":")[0] for case in weighted_cases()} == set(problems())
+
+
+@pytest.mark.parametrize("some", COUNTS)
+def test_the_package_says_the_same(some: Callable[[], list[Case]]):
+    """Its bounds on boxes are wider where V is not sharp, and it has no limit on the size of a file."""
+    wider = [case for case in some() if accepted_by_package(case) != (case.code == HOLDS)]
+    assert all((case.code == HOLDS and case.name.startswith("wavy")) or case.name == "too large" for case in wider)
+
+
+#: Of the other files a few: the evidence tries them all.
+FEW = (
+    ("consensus", "product(P, W) == Q"),
+    ("examine", "claims.problem_sha256 == p.sha256"),
+    ("consensus", "not case.problem.kinked"),
+    ("separable", "left >= 0"),
+    ("separable", "exact.delay >= 0"),
+    ("quadratic", "claim.outer >= claim.level"),
+)
+REMOVED = [
+    *(each for file in ("cycles", "graphs") for each in removals(file) if each.text not in EQUIVALENT),
+    *removals("schedule"),
+    *(pytest.param(each, marks=pytest.mark.slow) for each in removals("margins")),
+    *(each for file, text in FEW for each in removals(file) if each.text == text),
+]
+
+
+@pytest.mark.parametrize("removal", REMOVED, ids=str)
+def test_the_removal_of_a_check_is_noticed(removal: Removal):
+    assert noticed_by(removal) is not None
+
+
+def test_the_checks_are_found():
+    texts = {file: [each.text for each in removals(file)] for file in FILES}
+    assert sum(map(len, texts.values())) > 250
+    assert all(len(texts[file]) > 25 for file in ("reading", "consensus", "separable", "quadratic", "schedule"))
+    assert set(EQUIVALENT) <= {text for found in texts.values() for text in found}
+    assert all(texts[file].count(text) == 1 for file, text in FEW)

@@ -79,6 +79,8 @@ def solve_cones(
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.time_limit = time_limit
+        # The default, "clique_graph", takes all memory for some small sparse programs (Clarabel 0.11.1).
+        settings.chordal_decomposition_merge_method = "parent_child"
         if accuracy is not None:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = accuracy
         answer = clarabel.DefaultSolver(

@@ -262,3 +262,13 @@ def test_numbers_beyond_floats_have_a_verdict_and_a_report(weight, region, verdi
     certificate = dd.certify(dd.Problem(network=network, coupling="y + tanh(y)", gains={"1": 1}, region=region))
     assert {"report.html", "report.md"} <= render_report(certificate).keys()
     assert certificate.verdict.value == verdict
+
+
+def test_a_small_program_does_not_take_all_memory():
+    """Clarabel 0.11.1 merged cliques without an end for the pins of these five modes of 19 agents."""
+    tests = Path(__file__).resolve().parents[1]
+    paths = [str(tests), str(tests / "support")]
+    child = f"{WITHIN}sys.path[:0] = {paths}\nfrom evidence.schedules import case\nimport dobc_design as dd\n"
+    child += "print(dd.certify(case(359).problem).verdict.value)"
+    ran = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True, timeout=100)
+    assert (ran.stdout, ran.returncode) == ("refuted\n", 0), ran.stderr[-2000:]

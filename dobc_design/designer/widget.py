@@ -22,7 +22,7 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
-from dobc_design.conditions.separable.claim import acts_by_component, find_ordering
+from dobc_design.conditions.separable.claim import acts_by_component, stuck_agents
 from dobc_design.conditions.separable.propose import field_of, least_above
 from dobc_design.designer.source import python_source
 from dobc_design.errors import DobcError, SpecError
@@ -249,7 +249,7 @@ def _lambda_max(problem: Problem) -> float | None:
 
 
 def _reach(problem: Problem, radius: float, rate: float) -> float:
-    if not acts_by_component(problem) or not find_ordering(problem).exists:
+    if not acts_by_component(problem) or stuck_agents(problem):
         return 0.0
     if _shrinks(problem, radius, rate):
         return radius

@@ -174,14 +174,6 @@ class Scaled:
     floats: Floats
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class IntegerFactor:
-    """L = high 2^-25 + low 2^-(25 + low_bits), lower triangular; both hold integers as doubles."""
-
-    high: Floats
-    low: Floats
-
-
 def scaled(M: SparseSymmetric | IntegerSymmetric) -> Scaled | list[int] | None:
     """Return D M D; None if the diagonal is not positive; integers v with v'Mv < 0 where an entry is too large."""
     low_bits = 27 - (max(M.size - 1, 1).bit_length() + 1) // 2
@@ -244,7 +236,7 @@ def _against(i: int, j: int, entry: int, exponents: Whole) -> list[int]:
 
 def proves_by_integers(S: Scaled) -> bool:
     """Tell whether M > 0 is proved by one of the proposed factors. Exact."""
-    return any(leaves_dominated_rest(S, factor) for factor in integer_factors(S))
+    return any(leaves_dominated_rest(S, high, low) for high, low in integer_factors(S))
 
 
 def margin(S: Scaled) -> float:
@@ -252,20 +244,20 @@ def margin(S: Scaled) -> float:
     return 2 * S.size * 2.0 ** -(HIGH_BITS + S.low_bits)
 
 
-def integer_factors(S: Scaled) -> Iterator[IntegerFactor]:
-    """Propose integer factors of D M D - c I, c the margin and then 16 times that."""
+def integer_factors(S: Scaled) -> Iterator[tuple[Floats, Floats]]:
+    """Propose factors L = high 2^-25 + low 2^-(25 + low_bits) of D M D - c I, c the margin and then 16 times that:
+    lower triangular, both hold integers as doubles."""
     for often in (1, 16):
         L = _factor(S.floats, often * margin(S))
         if L is None:
             return
         high = np.rint(np.ldexp(L, HIGH_BITS))
         low = np.rint(np.ldexp(L - np.ldexp(high, -HIGH_BITS), HIGH_BITS + S.low_bits))
-        yield IntegerFactor(high=high, low=low)
+        yield high, low
 
 
-def leaves_dominated_rest(S: Scaled, factor: IntegerFactor) -> bool:
+def leaves_dominated_rest(S: Scaled, high: Floats, low: Floats) -> bool:
     """Whether D M D - L L' is dominated by its diagonal, any integers L; products in doubles stay below 2^53."""
-    high, low = factor.high, factor.low
     if not all(np.array_equal(part, np.rint(part)) for part in (high, low)):
         return False
     longest, shortest = (float(np.sqrt((part * part).sum(axis=1).max())) for part in (high, low))

@@ -1,4 +1,4 @@
-"""Clarabel, asked in one place: linear objectives over cones, the programs of pencils, and the ladder down to SCS.
+"""Clarabel, asked in one place: linear objectives over cones, and the programs of pencils, one after the other.
 
 Whatever a solver answers is a proposal that exact arithmetic decides about: a wrong answer costs time and nothing else.
 A solver that breaks (raises, runs out of time, answers with something that is no point) is not asked again.
@@ -7,50 +7,29 @@ A solver that breaks (raises, runs out of time, answers with something that is n
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal
 
 import numpy as np
 from scipy import sparse
 
-from dobc_design.exact.pencil import Pencil, below, positive
+from dobc_design.exact.pencil import Pencil, positive
 from dobc_design.exact.symmetric import Symmetric
 from dobc_design.solvers.program import FAILED, Array, Program, Solution, as_sparse, assemble, is_solver_failure
 
-T = TypeVar("T")
-
 ROOT2: Final = math.sqrt(2.0)
-SOLVER, SECOND = "Clarabel", "SCS"
-TIME_LIMITS: Final = {"CLARABEL": "time_limit", "SCS": "time_limit_secs"}  # cvxpy's option by solver, in s
-TIME_LIMIT: Final = 20.0  # seconds for one call of one solver; the programs of the ladder take milliseconds
+TIME_LIMIT: Final = 20.0  # seconds for one program; those of an observer take milliseconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cone:
-    """``right`` - ``rows`` x lies in a cone: the svec of a matrix, or a ball; rows (r, k), right (r,)."""
+    """``right`` - ``rows`` x is the svec of a matrix >= 0, or nonnegative; rows (r, k), right (r,)."""
 
-    kind: Literal["semidefinite", "nonnegative", "ball"]
+    kind: Literal["semidefinite", "nonnegative"]
     rows: Any
     right: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ConeAnswer:
-    """What Clarabel answered; without a point x is empty.  x (k,), multipliers (all rows,).  ``status`` is the solver's
-    own word ("Solved", "PrimalInfeasible", ...), or begins with FAILED."""
-
-    status: str
-    x: Array = field(default_factory=lambda: np.zeros(0))
-    multipliers: Array = field(default_factory=lambda: np.zeros(0))
-    objective: float = math.nan
-
-    @property
-    def found(self) -> bool:
-        """Whether there is a finite point to look at."""
-        return len(self.x) > 0
 
 
 def solve_cones(
@@ -60,7 +39,7 @@ def solve_cones(
     squares: Array | None = None,
     time_limit: float = math.inf,
     accuracy: float | None = None,
-) -> ConeAnswer:
+) -> Solution:
     """Minimise cost'x + x'diag(squares)x / 2 over x (k,) in all ``cones``, by Clarabel; ``time_limit`` in s.  Returns:
     an answer without values where the solver fails in any way; it never raises for that."""
     import clarabel
@@ -70,9 +49,8 @@ def solve_cones(
 
     def kind(cone: Cone) -> Any:
         rows = len(cone.right)
-        if cone.kind == "semidefinite":
-            return clarabel.PSDTriangleConeT(_order(rows))
-        return clarabel.NonnegativeConeT(rows) if cone.kind == "nonnegative" else clarabel.SecondOrderConeT(rows)
+        positive = cone.kind == "nonnegative"
+        return clarabel.NonnegativeConeT(rows) if positive else clarabel.PSDTriangleConeT(_order(rows))
 
     stack = np.vstack if all(isinstance(each.rows, np.ndarray) for each in cones) else sparse.vstack
     try:
@@ -95,19 +73,19 @@ def solve_cones(
     except BaseException as error:  # Clarabel panics with pyo3's PanicException, which is no Exception
         if not is_solver_failure(error):
             raise
-        return ConeAnswer(status=f"{FAILED}{type(error).__name__}")
+        return Solution(status=f"{FAILED}{type(error).__name__}")
 
 
-def _read(answer: Any, size: int) -> ConeAnswer:
+def _read(answer: Any, size: int) -> Solution:
     """What the solver answered.  Raises what comes of it if that is no point at all."""
     status, objective = str(answer.status), float(answer.obj_val)
     x, multipliers = (np.asarray(each, dtype=np.float64).ravel() for each in (answer.x, answer.z))
     # The x of an infeasible or unbounded problem is the ray that shows it, not a point.
     if "Infeasible" in status or not (np.all(np.isfinite(x)) and math.isfinite(objective)):
-        return ConeAnswer(status=status)
+        return Solution(status=status)
     if len(x) < size:
         raise ValueError(f"a solver answered with {len(x)} numbers, not {size}")
-    return ConeAnswer(status=status, x=x, multipliers=multipliers, objective=objective)
+    return Solution(status=status, x=x, multipliers=multipliers, objective=objective)
 
 
 def svec(matrix: Any) -> Array:
@@ -159,39 +137,24 @@ def symmetric_basis(size: int) -> list[Array]:
 def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
     """Solve a Program by Clarabel, without a modelling layer.  A failure is a Solution without values."""
     places = [place for unknown in program.pencils[0].unknowns for place in unknown.places()]
-    gains = [k for k, place in enumerate(places) if place[0] == "Q"]
-    P, margin = program.pencils[0].unknowns[0], program.objective == "margin"
-    cost, squares = np.zeros(len(places) + margin), np.zeros(len(places) + margin)
+    cost = np.array([float(name == "P" and i == j) for name, i, j in places])
+    squares = np.array([2.0 * (name == "Q") for name, _, _ in places])
 
-    def cone(pencil: Pencil, *, with_t: bool = False) -> Cone:
-        rows = np.zeros((pencil.size * (pencil.size + 1) // 2, len(cost)))
+    def cone(pencil: Pencil) -> Cone:
+        rows = np.zeros((pencil.size * (pencil.size + 1) // 2, len(places)))
         for k, place in enumerate(places):
             if place in pencil.coefficients:
                 rows[:, k] = svec_exact(pencil.coefficients[place])
-        if with_t:
-            rows[svec_diagonal(pencil.size), -1] = -1.0
         return Cone("semidefinite", rows, -svec_exact(pencil.constant))
 
     try:
-        cones = [cone(pencil, with_t=margin) for pencil in program.pencils]
-        if margin:
-            cost[-1] = 1.0
-            cones += [cone(positive(P, floor=program.floor + 1)), cone(below(P, ceiling=program.ratio))]
-            if gains:
-                rows = np.zeros((len(gains) + 1, len(cost)))
-                rows[np.arange(1, len(gains) + 1), gains] = -1.0
-                cones.append(Cone("ball", rows, np.array([float(program.radius)] + [0.0] * len(gains))))
-        else:
-            cost[[k for k, (name, i, j) in enumerate(places) if name == "P" and i == j]] = 1.0
-            squares[gains] = 2.0
-            cones.append(cone(positive(P, floor=program.floor)))
+        cones = [
+            cone(each) for each in (*program.pencils, positive(program.pencils[0].unknowns[0], floor=program.floor))
+        ]
     except (ArithmeticError, ValueError) as error:  # a number beyond the floats
-        return Solution(status=f"{FAILED}{type(error).__name__}", solver=SOLVER)
+        return Solution(status=f"{FAILED}{type(error).__name__}")
     answer = solve_cones(cost, cones, squares=squares, time_limit=time_limit)
-    if not answer.found:
-        return Solution(status=answer.status, solver=SOLVER)
-    values = assemble(program.pencils[0], answer.x.tolist())
-    return Solution(status=answer.status, solver=SOLVER, objective=answer.objective, values=values)
+    return replace(answer, values=assemble(program.pencils[0], answer.x.tolist())) if answer.found else answer
 
 
 def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
@@ -204,45 +167,10 @@ def build_dense(program: Program) -> tuple[Any, dict[str, Any]]:
         for unknown in first.unknowns
     }
     P, Q = variables["P"], variables.get("Q")
-    q = first.unknowns[0].rows
-    constraints = []
-    if program.objective == "margin":
-        t = variables["t"] = cp.Variable(name="t")
-        constraints += [_affine(cp, each, variables) << t * np.eye(each.size) for each in program.pencils]
-        constraints += [P >> np.eye(q) * float(1 + program.floor), P << np.eye(q) * float(program.ratio)]
-        if Q is not None:
-            constraints.append(cp.norm(Q, "fro") <= float(program.radius))
-        objective = cp.Minimize(t)
-    else:
-        constraints += [_affine(cp, each, variables) << 0 for each in program.pencils]
-        constraints.append(P >> np.eye(q) * float(program.floor))
-        objective = cp.Minimize(cp.trace(P) + (cp.sum_squares(Q) if Q is not None else 0))
+    constraints = [_affine(cp, each, variables) << 0 for each in program.pencils]
+    constraints.append(P >> np.eye(first.unknowns[0].rows) * float(program.floor))
+    objective = cp.Minimize(cp.trace(P) + (cp.sum_squares(Q) if Q is not None else 0))
     return cp.Problem(objective, constraints), variables
-
-
-def solve_dense(program: Program, *, solver: str = "CLARABEL", time_limit: float = 60.0) -> Solution:
-    """Solve the block LMI through cvxpy by one of its solvers.  A failure is a Solution without values."""
-    try:
-        problem, variables = build_dense(program)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that an answer is inaccurate stands in the status
-            problem.solve(solver=solver, **{TIME_LIMITS[solver]: time_limit} if solver in TIME_LIMITS else {})
-        return _read_dense(program, problem, variables, solver=solver)
-    except BaseException as error:  # a panic in Rust is no Exception
-        if not is_solver_failure(error):
-            raise
-        return Solution(status=f"{FAILED}{type(error).__name__}", solver=solver)
-
-
-def _read_dense(program: Program, problem: Any, variables: dict[str, Any], *, solver: str) -> Solution:
-    """What the solver answered.  Raises what comes of it if that is no point at all."""
-    unknowns = program.pencils[0].unknowns
-    missing = problem.value is None or any(variables[unknown.name].value is None for unknown in unknowns)
-    if missing or not math.isfinite(problem.value):
-        return Solution(status=str(problem.status), solver=solver)
-    numbers = [float(variables[unknown.name].value[i, j]) for unknown in unknowns for _, i, j in unknown.places()]
-    values = assemble(program.pencils[0], numbers)
-    return Solution(status=str(problem.status), solver=solver, objective=float(problem.value), values=values)
 
 
 def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
@@ -252,24 +180,10 @@ def _affine(cp: Any, pencil: Pencil, variables: dict[str, Any]) -> Any:
     return total
 
 
-def climb(programs: Iterable[tuple[Program, T]]) -> Iterator[tuple[Solution, T, str]]:
-    """Solve each by Clarabel, by SCS where that gave no point: answer, label, and how it came about ("" by
-    Clarabel)."""
-    source = iter(programs)
-    asked: list[tuple[Program, T]] = []
-    trouble: str | None = None
-    for program, label in source:
-        asked.append((program, label))
+def solve_in_turn(programs: Iterable[Program]) -> Iterator[Solution]:
+    """Solve one after the other by Clarabel, until it breaks: asking it again would be no better."""
+    for program in programs:
         answer = solve_directly(program, time_limit=TIME_LIMIT)
-        if answer.broken or not answer.found:
-            trouble = answer.status
-        yield answer, label, ""
-        if answer.broken:
-            break
-    if trouble is None:
-        return
-    for program, label in (*asked, *source):
-        answer = solve_dense(program, solver=SECOND, time_limit=TIME_LIMIT)
-        yield answer, label, f"by {SECOND}, after Clarabel gave no point ({trouble})"
+        yield answer
         if answer.broken:
             return

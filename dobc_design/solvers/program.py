@@ -1,10 +1,4 @@
-"""The semidefinite programs of the toolbox, stated for pencils; both solvers' sides read this.
-
-    "size":    minimise tr P + |Q|^2     subject to F(P, Q) <= 0, P >= floor I
-    "margin":  minimise t                subject to F(P, Q) <= t I, I <= P <= ratio I, |Q| <= radius
-
-The second is the normalisation of theory, section 2: t < 0 proposes a pair; t >= 0 says nothing.
-"""
+"""The semidefinite programs of the toolbox, stated for pencils: minimise tr P + |Q|^2, F(P, Q) <= 0, P >= floor I."""
 
 from __future__ import annotations
 
@@ -30,38 +24,39 @@ Array = NDArray[np.float64]
 # ArpackError and our SpecError are among them.
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, LookupError)
 FAILED = "failed: "  # how the status of a solver begins that raised, or answered with something that is no point
-OUT_OF_TIME = ("MaxTime", "user_limit")  # Clarabel's and cvxpy's words
+OUT_OF_TIME = "MaxTime"  # Clarabel's word
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Program:
-    """Which program to solve for which pencils, all with the same unknowns; ``ratio``, ``radius``: of "margin"."""
+    """The pencils F, all with the same unknowns, and the floor of P."""
 
     pencils: tuple[Pencil, ...]
-    objective: str = "size"
     floor: Fraction = Fraction(0)
-    ratio: Fraction = Fraction(100)
-    radius: Fraction = Fraction(100)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Solution:
-    """What a solver answered; ``status`` never decides anything.  Without a point no ``values``, ``objective`` nan."""
+    """What a solver answered.  ``status``, its own word ("Solved", "PrimalInfeasible", ...) or one that begins with
+    FAILED, never decides anything.  x (k,), multipliers (all rows,), and of a Program ``values``; without a point x and
+    values are empty, ``objective`` nan."""
 
     status: str
-    solver: str
+    x: Array = field(default_factory=lambda: np.zeros(0))
+    multipliers: Array = field(default_factory=lambda: np.zeros(0))
     objective: float = math.nan
     values: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def found(self) -> bool:
         """Whether there is a finite point to look at, whatever the status says."""
-        return bool(self.values) and all(bool(np.all(np.isfinite(v))) for v in self.values.values())
+        points = [point for point in (self.x, *self.values.values()) if len(point)]
+        return bool(points) and all(bool(np.all(np.isfinite(point))) for point in points)
 
     @property
     def broken(self) -> bool:
         """Whether the solver itself broke down or ran out of time: asking it again would be no better."""
-        return self.status.startswith(FAILED) or self.status in OUT_OF_TIME
+        return self.status.startswith(FAILED) or self.status == OUT_OF_TIME
 
 
 def is_solver_failure(error: BaseException) -> bool:

@@ -23,6 +23,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
+from block_lmi import PROGRAMS, solve_dense
 from large import falling_rows, guaranteed_rows, lambda_rows, large_rows, weighted_rows, whole_bars
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
@@ -34,7 +35,7 @@ from dobc_design.conditions.consensus.claim import reduced, state_theorems
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.exact.zmatrix import search
-from dobc_design.solvers.conic import solve_dense, solve_directly
+from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Program, Solution
 
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
@@ -107,7 +108,7 @@ def against_dense(what: str, given: Problem, objective: str, *, bar: float) -> B
     """Both from the problem object to the solver's answer."""
 
     def dense() -> Solution:
-        return solve_dense(Program(pencils=state_theorems(given).psi(), objective=objective))
+        return solve_dense(PROGRAMS[objective](pencils=state_theorems(given).psi()))
 
     def small() -> Solution:
         return solve_reduced(given, objective=objective)

@@ -1,6 +1,5 @@
 """Float factors: the shift and the integer rest prove only what is true."""
 
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -10,7 +9,6 @@ from dobc_design.exact import IntegerSymmetric, SparseSymmetric, decide_quickly,
 from dobc_design.exact.cholesky import (
     FLINT_SIZE,
     HIGH_BITS,
-    IntegerFactor,
     Scaled,
     UnfinishedError,
     bad_direction,
@@ -117,13 +115,12 @@ def rest_is_dominated(R: list[list[Fraction]], low: int = 0) -> bool:
     low_bits = form(IntegerSymmetric.from_floats(np.eye(n))).low_bits
     high = np.zeros((n, n))
     high[:, 0] = 3 * 2.0 ** (HIGH_BITS - 2)
-    factor = IntegerFactor(high=high, low=low * np.eye(n))
     unit = Fraction(1, 2 ** (HIGH_BITS + low_bits))
     L = [[Fraction(3, 4) * (j == 0) + low * unit * (i == j) for j in range(n)] for i in range(n)]
     M = {(i, j): sum(x * y for x, y in zip(L[i], L[j], strict=True)) + R[i][j] for i in range(n) for j in range(i, n)}
     S = form(SparseSymmetric(n, M))
     assert not S.exponents.any()
-    return leaves_dominated_rest(S, factor)
+    return leaves_dominated_rest(S, high, low * np.eye(n))
 
 
 @pytest.mark.parametrize(
@@ -148,16 +145,14 @@ def test_the_last_bits_of_the_factor_count():
 def test_a_factor_that_is_too_large_or_no_integers_is_not_believed():
     """Then products in doubles are not exact: 2^27 squared is beyond 2^53; halves are no integers."""
     S = form(spectral(ladder(4, 0.5)))
-    factor = next(iter(integer_factors(S)))
-    assert leaves_dominated_rest(S, factor)
-    assert not leaves_dominated_rest(S, replace(factor, high=factor.high * 8))
-    assert not leaves_dominated_rest(S, replace(factor, low=factor.low + 0.5))
-    assert not leaves_dominated_rest(S, replace(factor, high=factor.high - np.diag([2.0**24] * 4)))
+    high, low = next(iter(integer_factors(S)))
+    assert leaves_dominated_rest(S, high, low)
+    assert not leaves_dominated_rest(S, high * 8, low)
+    assert not leaves_dominated_rest(S, high, low + 0.5)
+    assert not leaves_dominated_rest(S, high - np.diag([2.0**24] * 4), low)
     # The same L, but with last parts so long that their products round.
     moved = np.tril(np.full((4, 4), 4.0))
-    assert not leaves_dominated_rest(
-        S, IntegerFactor(high=factor.high - moved, low=factor.low + moved * 2.0**S.low_bits)
-    )
+    assert not leaves_dominated_rest(S, high - moved, low + moved * 2.0**S.low_bits)
 
 
 def test_a_factorisation_that_breaks_down_proves_nothing_and_others_are_passed_on(monkeypatch):

@@ -6,14 +6,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from block_lmi import Margin, solve_dense
 
 import dobc_design as dd
 from dobc_design import Exosystem, Network, Problem, load_problem
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.export.matrices import normalisation, sdpa_text
-from dobc_design.solvers.conic import solve_dense
-from dobc_design.solvers.program import Program
 
 needs_csdp = pytest.mark.skipif(
     shutil.which("csdp") is None, reason="CSDP is not installed (Debian: apt install coinor-csdp)"
@@ -109,9 +108,7 @@ def test_the_file_states_the_same_program_as_the_dense_lmi():
     """Same optimum as cvxpy's block LMI (18) with the same bounds on P and Q."""
     for problem in (pair_problem(), load_problem("paper-fixed")):
         text = sdpa_text(problem)
-        program = Program(
-            pencils=state_theorems(problem).psi(), objective="margin", ratio=Fraction(100), radius=Fraction(100)
-        )
+        program = Margin(pencils=state_theorems(problem).psi(), ratio=Fraction(100), radius=Fraction(100))
         assert SdpaFile(text).solved() == pytest.approx(solve_dense(program).objective, abs=1e-5)
 
 

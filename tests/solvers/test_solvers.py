@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from block_lmi import PROGRAMS, Margin, solve_dense, solve_directly
 from reduced import reduced_program, solve_reduced
 from scipy import sparse
 
@@ -13,10 +14,10 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import from_float, matrix
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.solvers.conic import build_dense, smat, solve_dense, solve_directly, svec, svec_exact, symmetric_basis
+from dobc_design.solvers.conic import build_dense, smat, svec, svec_exact, symmetric_basis
 from dobc_design.solvers.program import Program, Solution, assemble, round_matrix
 
-OBJECTIVES = ("size", "margin")
+OBJECTIVES = tuple(PROGRAMS)
 
 
 def close(a: float, b: float, relative: float = 1e-5) -> bool:
@@ -38,7 +39,7 @@ def residual(program: Program, values) -> float:
 @pytest.mark.parametrize("objective", OBJECTIVES)
 @pytest.mark.parametrize("bound", [-8, -1, Fraction(-1, 10)])
 def test_both_ways_to_the_solver_find_the_same_optimum(harmonic, objective, bound):
-    program = Program(pencils=(reduced(Fraction(bound), harmonic),), objective=objective)
+    program = PROGRAMS[objective](pencils=(reduced(Fraction(bound), harmonic),))
     direct, modelled = solve_directly(program), solve_dense(program)
     assert (direct.status, modelled.status) == ("Solved", "optimal")
     assert close(direct.objective, modelled.objective, 1e-6)
@@ -47,7 +48,7 @@ def test_both_ways_to_the_solver_find_the_same_optimum(harmonic, objective, boun
 
 @pytest.mark.parametrize("objective", OBJECTIVES)
 def test_the_block_lmi_itself_goes_both_ways(cycle, objective):
-    program = Program(pencils=state_theorems(cycle(3)).psi(), objective=objective)
+    program = PROGRAMS[objective](pencils=state_theorems(cycle(3)).psi())
     direct, modelled = solve_directly(program), solve_dense(program)
     assert close(direct.objective, modelled.objective)
     assert set(direct.values) == {"P", "Q"}
@@ -58,7 +59,7 @@ def test_floor_ratio_and_radius_are_kept(harmonic):
     program = Program(pencils=(reduced(Fraction(-1), harmonic),), floor=Fraction(2))
     for answer in (solve_directly(program), solve_dense(program)):
         assert np.linalg.eigvalsh(answer.values["P"])[0] >= 2 - 1e-6
-    program = Program(pencils=program.pencils, objective="margin", ratio=Fraction(3), radius=Fraction(1, 2))
+    program = Margin(pencils=program.pencils, ratio=Fraction(3), radius=Fraction(1, 2))
     for answer in (solve_directly(program), solve_dense(program)):
         assert np.linalg.eigvalsh(answer.values["P"])[-1] <= 3 + 1e-6
         assert np.linalg.eigvalsh(answer.values["P"])[0] >= 1 - 1e-6
@@ -68,7 +69,7 @@ def test_floor_ratio_and_radius_are_kept(harmonic):
 def test_a_program_in_p_alone_goes_both_ways(harmonic):
     W = ((Fraction(16, 5),), (Fraction(12, 5),))
     for objective in OBJECTIVES:
-        program = Program(pencils=(with_gain(reduced(Fraction(-1), harmonic), W),), objective=objective)
+        program = PROGRAMS[objective](pencils=(with_gain(reduced(Fraction(-1), harmonic), W),))
         assert close(solve_directly(program).objective, solve_dense(program).objective)
 
 
@@ -79,7 +80,7 @@ def test_an_infeasible_program_gives_no_values(harmonic):
         assert not answer.found
         assert np.isnan(answer.objective)
         assert "nfeasible" in answer.status
-    margin = Program(pencils=program.pencils, objective="margin")
+    margin = Margin(pencils=program.pencils)
     for answer in (solve_directly(margin), solve_dense(margin)):  # t may be positive, so this one always has a point
         assert answer.found
         assert answer.objective >= 1
@@ -87,11 +88,9 @@ def test_an_infeasible_program_gives_no_values(harmonic):
 
 def test_a_feasible_problem_can_have_a_positive_margin(harmonic):
     """Theory, section 2: +0.247 at |Q| <= 1, P <= 10 I, although a pair exists; it says nothing."""
-    program = Program(
-        pencils=(reduced(Fraction(-1, 10), harmonic),), objective="margin", ratio=Fraction(10), radius=Fraction(1)
-    )
+    program = Margin(pencils=(reduced(Fraction(-1, 10), harmonic),), ratio=Fraction(10), radius=Fraction(1))
     assert solve_directly(program).objective > 0
-    freer = Program(pencils=program.pencils, objective="margin", ratio=Fraction(10**4), radius=Fraction(10**4))
+    freer = Margin(pencils=program.pencils, ratio=Fraction(10**4), radius=Fraction(10**4))
     assert solve_directly(freer).objective < 0
 
 
@@ -102,7 +101,7 @@ def test_a_feasible_problem_can_have_a_positive_margin(harmonic):
 def test_the_reduced_form_has_the_optimum_of_the_block_lmi(separable, objective, modes, m, seed):
     """Theory, Reduction: equal for m = 1 and for Lambda = Lambda_n (x) I_m."""
     problem = separable(seed, modes=modes, m=m)
-    dense = solve_dense(Program(pencils=state_theorems(problem).psi(), objective=objective))
+    dense = solve_dense(PROGRAMS[objective](pencils=state_theorems(problem).psi()))
     small = solve_reduced(problem, objective=objective)
     assert small.found == dense.found
     if small.found:
@@ -130,7 +129,7 @@ def test_in_general_the_reduced_form_is_the_stricter_one(cycle):
 def test_a_second_solver_agrees(cycle, objective, n):
     """SCS, a first-order method that shares no code with Clarabel."""
     problem = cycle(n)
-    second = solve_dense(Program(pencils=state_theorems(problem).psi(), objective=objective), solver="SCS")
+    second = solve_dense(PROGRAMS[objective](pencils=state_theorems(problem).psi()), solver="SCS")
     assert second.status in ("optimal", "optimal_inaccurate")
     assert second.objective == pytest.approx(solve_reduced(problem, objective=objective).objective, rel=2e-2, abs=1e-3)
 
@@ -160,8 +159,8 @@ def test_without_an_exosystem_or_beyond_the_floats_there_is_no_solution(cycle, h
     problem = Problem(network=network, coupling="y", gains={1: 1}, exosystem=harmonic)
     assert reduced_program(problem) is None
     assert not solve_reduced(problem).found
-    assert not Solution(status="failed", solver="x").found
-    bad = Solution(status="Solved", solver="x", objective=1.0, values={"P": np.array([[np.nan]])})
+    assert not Solution(status="failed").found
+    bad = Solution(status="Solved", objective=1.0, values={"P": np.array([[np.nan]])})
     assert not bad.found
 
 

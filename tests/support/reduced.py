@@ -8,11 +8,12 @@ this one is the stricter.
 import math
 from fractions import Fraction
 
+from block_lmi import PROGRAMS, solve_directly
+
 from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.errors import SpecError
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Program, Solution
 
 
@@ -26,15 +27,15 @@ def reduced_program(problem: Problem, *, objective: str = "size") -> Program | N
     bound = max(largest_eigenvalue(float_lambda(problem, mode)).value for mode in problem.network.modes)
     if not math.isfinite(bound):
         return None
-    return Program(pencils=(reduced(Fraction(bound), problem.exosystem),), objective=objective)
+    return PROGRAMS[objective](pencils=(reduced(Fraction(bound), problem.exosystem),))
 
 
 def solve_reduced(problem: Problem, *, objective: str = "size", time_limit: float = 60.0) -> Solution:
     """Solve Theorem 1 (one mode) or 2 (several) at the consensus for P and Q, from the problem itself.
 
-    ``objective`` is one of ``program``'s.  Raises: as ``reduced_program``.
+    ``objective`` is one of ``PROGRAMS``.  Raises: as ``reduced_program``.
     """
     program = reduced_program(problem, objective=objective)
     if program is None:
-        return Solution(status="failed: no estimate of lambda_max", solver="Clarabel")
+        return Solution(status="failed: no estimate of lambda_max")
     return solve_directly(program, time_limit=time_limit)

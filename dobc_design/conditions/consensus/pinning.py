@@ -70,29 +70,15 @@ class Blocks:
     sources: tuple[tuple[str, int], ...] = ()
     weighted: bool = False
 
-    @property
-    def is_small(self) -> bool:
-        """Whether the conic program is solved in time."""
-        rows = self.agents * self.width
-        return rows <= PROGRAM_ROWS and rows * rows * len(self.tables) <= PROGRAM_SIZE
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Optimum:
-    """Gains k (n,) of least cost, about, with the ``bound`` they reach, and ``duals``: of a program the multipliers; of
-    Z-matrices v (n,) >= 0 with v v'/2 the multiplier (of one, v_i^2 >= c_i at a cap, <= c_i at 0)."""
-
-    gains: Array
-    duals: tuple[Array, ...]
-    bound: float = 0.0
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shared:
-    """Gains k (n,) that serve all blocks, and the vectors of every block that show how good they are."""
+    """Gains k (n,) that serve all blocks, and the vectors v of every block that show how good they are: sum v v'/2 is
+    its multiplier (of one Z-matrix, v_i^2 >= c_i at a cap, <= c_i at 0); with the ``bound`` of the cost, if known."""
 
     gains: Array
     vectors: list[list[Array]]
+    bound: float = 0.0
 
 
 def network_blocks(problem: Problem, *, pins: bool = False, weighted: bool = False) -> Blocks | None:
@@ -150,13 +136,15 @@ def cheapest_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None
         return found
     shared = solve_shared(blocks.tables, chosen, costs, caps) if found and blocks.agents > FEW_ROWS else None
     if shared is not None:
-        found = _cheaper(found, shared, [[v] for v in shared.duals], costs)
+        found = _cheaper(found, shared, costs)
         cost = float(costs @ shared.gains)
         if cost - shared.bound <= ENOUGH * cost:
             return found
-    program = solve_program(blocks, np.flatnonzero(chosen), costs, caps) if blocks.is_small else None
+    rows = blocks.agents * blocks.width
+    small = rows <= PROGRAM_ROWS and rows * rows * len(blocks.tables) <= PROGRAM_SIZE
+    program = solve_program(blocks, np.flatnonzero(chosen), costs, caps) if small else None
     if program is not None:
-        return _cheaper(found, program, [_factors(each, z=blocks.z) for each in program.duals], costs)
+        return _cheaper(found, program, costs)
     if found is None and (caps is None or not np.any(np.isfinite(caps))):
         gains = _alike(blocks, chosen)
         found = None if gains is None else Shared(gains=gains, vectors=[[] for _ in blocks.tables])
@@ -170,15 +158,15 @@ def valid_gains(blocks: Blocks, chosen: Any, costs: Array, caps: Array | None = 
     if len(known) < len(found):
         return None
     best = max(range(len(known)), key=lambda k: costs @ known[k].gains)
-    vectors = [list(each.duals) if k == best and not blocks.weighted else [] for k, each in enumerate(known)]
+    vectors = [each.vectors[0] if k == best and not blocks.weighted else [] for k, each in enumerate(known)]
     return Shared(gains=np.max([each.gains for each in known], axis=0), vectors=vectors)
 
 
-def _cheaper(found: Shared | None, other: Optimum, vectors: list[list[Array]], costs: Array) -> Shared:
+def _cheaper(found: Shared | None, other: Shared, costs: Array) -> Shared:
     """The cheaper gains; where they cost about the same, the vectors of all blocks."""
     if found is None or costs @ other.gains < costs @ found.gains:
-        return Shared(gains=other.gains, vectors=vectors)
-    return replace(found, vectors=vectors) if costs @ other.gains < costs @ found.gains * 1.000001 else found
+        return other
+    return replace(found, vectors=other.vectors) if costs @ other.gains < costs @ found.gains * 1.000001 else found
 
 
 def _factors(Z: Array, *, z: bool) -> list[Array]:
@@ -190,7 +178,7 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
     return [np.sqrt(2 * value) * vectors[:, k] for k, value in enumerate(values) if value > 1e-10 * top > 0]
 
 
-def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Optimum | None:
+def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Shared | None:
     """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do (theory, 7 and 10)."""
     return _with_caps(_uncapped, [table if is_symmetric(table) else within_parts(table)], chosen, weights, caps)
 
@@ -201,8 +189,8 @@ def is_symmetric(table: Any) -> bool:
 
 
 def _with_caps(
-    solve: Callable[..., Optimum | None], tables: Sequence[Any], chosen: Any, costs: Array, caps: Array | None
-) -> Optimum | None:
+    solve: Callable[..., Shared | None], tables: Sequence[Any], chosen: Any, costs: Array, caps: Array | None
+) -> Shared | None:
     """An agent whose gain would exceed its cap (inf: none) is held at it, which only raises the gains of the others."""
     limits = np.full(len(costs), np.inf) if caps is None else caps
     full = np.zeros(len(costs), dtype=bool)
@@ -219,7 +207,7 @@ def _with_caps(
     return None
 
 
-def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Optimum | None:
+def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Shared | None:
     """v: (S v)_i = 0 off the chosen; k_i = -(S v)_i / (2 v_i).  An agent whose gain would be negative is set free."""
     (table,), active = tables, np.array(chosen, dtype=bool)
     v, size = np.zeros(len(weights)), float(np.max(np.abs(table.data), initial=0.0))
@@ -237,7 +225,7 @@ def _uncapped(tables: Sequence[Any], chosen: Any, weights: Array) -> Optimum | N
         gains = np.where(active, -flow / (2 * np.where(active, v, 1.0)), 0.0)
         negative = active & (gains < -NEGATIVE * size)
         if not np.any(negative):
-            return Optimum(gains=np.maximum(gains, 0.0), duals=(v,))
+            return Shared(gains=np.maximum(gains, 0.0), vectors=[[v]])
         active &= ~negative
     return None
 
@@ -386,7 +374,7 @@ def _alike(blocks: Blocks, chosen: Any) -> Array | None:
     return np.asarray(high * chosen.astype(np.float64))
 
 
-def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None = None) -> Optimum | None:
+def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None = None) -> Shared | None:
     """Minimise c'k, S + 2 sum k_i E_i >= 0 for every block, 0 <= k <= ``caps`` (n,); None if none are found."""
     count, size, width, scale = len(allowed), len(costs) * blocks.width, blocks.width, blocks.scale
     if not count or not scale > 0:
@@ -408,7 +396,7 @@ def solve_program(blocks: Blocks, allowed: Any, costs: Array, caps: Array | None
     gains[gains < NOISE * np.max(gains, initial=0.0)] = 0.0
     ends = np.cumsum([len(each.right) for each in cones])
     parts = np.split(answer.multipliers, ends)[: len(blocks.tables)]
-    return Optimum(gains=gains, duals=tuple(smat(part) for part in parts))
+    return Shared(gains=gains, vectors=[_factors(smat(part), z=blocks.z) for part in parts])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -429,12 +417,12 @@ class _Block:
         return np.asarray(flow if self.factor is None else flow + self.across @ self.follow(v))
 
 
-def solve_shared(tables: Sequence[Any], chosen: Any, costs: Array, caps: Array | None = None) -> Optimum | None:
+def solve_shared(tables: Sequence[Any], chosen: Any, costs: Array, caps: Array | None = None) -> Shared | None:
     """Gains of least cost on the ``chosen`` agents (n,) for symmetric Z-matrices (n, n); None if none are found."""
     return _with_caps(_uncapped_shared, tables, chosen, costs, caps)
 
 
-def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimum | None:
+def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Shared | None:
     pins, others = np.flatnonzero(chosen), np.flatnonzero(~chosen)
     if not len(pins) or len(costs) > ROWS:
         return None
@@ -475,7 +463,7 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimu
     for block, v in zip(blocks, shares, strict=True):
         whole = np.zeros(len(costs))
         whole[pins], whole[others] = v, np.maximum(block.follow(v), 0.0)
-        vectors.append(whole)
+        vectors.append([whole])
     bound = -float(np.sum(shares * flows)) / 2
     for rise in RISES:
         raised = gains * (1 + rise)
@@ -484,7 +472,7 @@ def _uncapped_shared(tables: Sequence[Any], chosen: Any, costs: Array) -> Optimu
         except RuntimeError:  # exactly singular
             continue
         if all(np.all(np.isfinite(w)) and np.all(w > 0) for w in held):
-            return Optimum(gains=raised, duals=tuple(vectors), bound=bound)
+            return Shared(gains=raised, vectors=vectors, bound=bound)
     return None
 
 

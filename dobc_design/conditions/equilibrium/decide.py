@@ -12,7 +12,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -57,10 +56,6 @@ class Equilibrium:
     @property
     def middle(self) -> Vector:
         return tuple(side.midpoint for side in self.box)
-
-    @property
-    def half_widths(self) -> Vector:
-        return tuple(side.width / 2 for side in self.box)
 
     def to_json(self) -> dict[str, Any]:
         return {"mode": self.mode, "box": [[number_text(side.lo), number_text(side.hi)] for side in self.box]}
@@ -138,41 +133,31 @@ SHOWN: Final = 6  # components of an equilibrium that a sentence names
 ONE: Final = Fraction(1)
 
 
-@dataclass(frozen=True, slots=True)
-class EquilibriumDecision:
-    """PROVED: the box holds an equilibrium and not the target.  UNDECIDED: not shown, with the reason."""
-
-    verdict: Verdict
-    reason: str
-
-
-def verify_equilibrium(problem: Problem, claim: Equilibrium, *, part: Fraction = ONE) -> EquilibriumDecision:
-    """Decide by Krawczyk's test, on a ``part`` of each half width, if the box holds an equilibrium other than 0."""
+def why_not(problem: Problem, claim: Equilibrium, *, part: Fraction = ONE) -> str | None:
+    """None if the box is proved, by Krawczyk's test on a ``part`` of each half width, to hold an equilibrium other than
+    0; else why that is not shown.  Raises: ShapeError; SpecError for an unknown mode."""
     if len(claim.box) != problem.n * problem.m:
         many = f"box must have {problem.n * problem.m} sides, one per component of e; got {len(claim.box)}."
         raise ShapeError(many, key="box")
     if claim.mode not in problem.network.modes:
         raise SpecError(f"mode must be one of the problem's; got {claim.mode[:60]!r}.", key="mode")
-    undecided = partial(EquilibriumDecision, Verdict.UNDECIDED)
     if not may_stay(problem, claim.mode):
-        return undecided("the guarantee does not let that mode stay on.")
+        return "the guarantee does not let that mode stay on."
     if len(claim.box) > LARGEST:
-        return undecided(f"equilibria are proved for at most {LARGEST} rows n m.")
+        return f"equilibria are proved for at most {LARGEST} rows n m."
     if all(side.contains(0) for side in claim.box):
-        return undecided("the box holds the target itself.")
+        return "the box holds the target itself."
     try:
         value = field_at(problem, claim.mode, claim.middle)
         if claim.is_point:
-            if any(each != Interval.point(0) for each in value):
-                return undecided("the point is not shown to be an equilibrium exactly.")
-            return EquilibriumDecision(Verdict.PROVED, "The point is an equilibrium exactly.")
+            exactly = all(each == Interval.point(0) for each in value)
+            return None if exactly else "the point is not shown to be an equilibrium exactly."
         slopes = slopes_on(problem, claim.mode, claim.box)
     except UndefinedError as error:
-        return undecided(f"the couplings are not bounded on the box: {error}")
+        return f"the couplings are not bounded on the box: {error}"
     Y = _preconditioner(slopes, len(claim.box))
-    if Y is None or not krawczyk_holds(claim, value, slopes, Y, part):
-        return undecided("Krawczyk's test does not show an equilibrium in the box.")
-    return EquilibriumDecision(Verdict.PROVED, "The box holds exactly one equilibrium.")
+    shown = Y is not None and krawczyk_holds(claim, value, slopes, Y, part)
+    return None if shown else "Krawczyk's test does not show an equilibrium in the box."
 
 
 def lies_in_region(problem: Problem, claim: Equilibrium) -> bool:
@@ -202,14 +187,14 @@ def enclose_equilibrium(
         claim = Equilibrium(mode=mode, box=tuple(Interval(c - half, c + half) for c in middle))
         if within_region and not lies_in_region(problem, claim):
             continue
-        if verify_equilibrium(problem, claim, part=IN_HAND).verdict is Verdict.PROVED:
+        if why_not(problem, claim, part=IN_HAND) is None:
             return claim
     largest = max(map(abs, map(Fraction, point)))  # one of many, as in a dead zone: some short numbers may be one, too
     for bits in BITS:
         unit = Fraction(2) ** (largest.numerator.bit_length() - largest.denominator.bit_length() - bits)
         claim = Equilibrium(mode=mode, box=tuple(Interval.point(round(Fraction(x) / unit) * unit) for x in point))
         inside = not within_region or lies_in_region(problem, claim)
-        if inside and verify_equilibrium(problem, claim).verdict is Verdict.PROVED:
+        if inside and why_not(problem, claim) is None:
             return claim
     return None
 
@@ -217,7 +202,7 @@ def enclose_equilibrium(
 def refuting_check(problem: Problem, claim: Equilibrium) -> Check | None:
     """The check that consensus fails in the region; None unless the equilibrium is proved and lies there."""
     inside = problem.region is not None and lies_in_region(problem, claim)
-    if not inside or verify_equilibrium(problem, claim).verdict is not Verdict.PROVED:
+    if not inside or why_not(problem, claim) is not None:
         return None
     return Check(
         id="equilibrium",
@@ -245,8 +230,7 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
         return "the start is not the middle of the box"
     if not lies_in_region(problem, claim):
         return "the box leaves the region asked for"
-    decision = verify_equilibrium(problem, claim)
-    return None if decision.verdict is Verdict.PROVED else decision.reason
+    return why_not(problem, claim)
 
 
 def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:
@@ -267,7 +251,7 @@ def _preconditioner(slopes: Slopes, size: int) -> Matrix | None:
 def krawczyk_holds(claim: Equilibrium, value: Box, slopes: Slopes, Y: Matrix, part: Fraction) -> bool:
     """Whether c - Y f(c) + (I - Y F)(X - c) lies inside X; F = M +- R adds |I - Y M| w + |Y| R w to half widths w."""
     size, zero = len(Y), Fraction(0)
-    half = claim.half_widths
+    half = [side.width / 2 for side in claim.box]
     M = [[zero] * size for _ in range(size)]
     spread = [zero] * size
     for (row, column), slope in slopes.items():

@@ -38,7 +38,7 @@ from dobc_design.exact.matrix import (
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
 from dobc_design.problem.problem import Problem
-from dobc_design.solvers.conic import SECOND, climb
+from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
 from dobc_design.verdict import Verdict
 
@@ -210,12 +210,12 @@ def propose_pairs(
     why = "there was no estimate to start a solver from"
     small = exosystem.order <= LARGEST_PROGRAM
     if small and bound < 0 < decay and math.isfinite(bound) and math.isfinite(decay):
-        for answer, _, how in climb(_programs(exosystem, W, bound=bound, decay=decay)):
+        for answer in solve_in_turn(_programs(exosystem, W, bound=bound, decay=decay)):
             why = f"no proposal of a solver could be proved (the last said: {answer.status})"
             if answer.found:
                 for digits in PAIR_DIGITS:
                     P = round_matrix(answer.values["P"], digits)
-                    yield P, multiply(P, W), f"P was found {how}." if how else ""
+                    yield P, multiply(P, W), ""
     error = error_matrix(exosystem, W)
     size = _square(exosystem)  # at least lambda_max(C C')
     wanted = 2 * size / Fraction(-bound) if bound < 0 and math.isfinite(bound) else size
@@ -238,7 +238,7 @@ def propose_pairs(
             yield P, multiply(P, W), f"P solves a Lyapunov equation exactly, because {why}."
 
 
-def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[tuple[Program, None]]:
+def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) -> Iterator[Program]:
     # P is kept away from singular where C sees nothing, and the bound has a little slack for the rounding of P.
     natural = _square(exosystem) / (Fraction(-bound) * Fraction(max(decay, -bound))) / 1000
     floor = natural.limit_denominator(10**12) or Fraction(1, 10**12)
@@ -247,7 +247,7 @@ def _programs(exosystem: Exosystem, W: Matrix, *, bound: float, decay: float) ->
         total = bound + 2 * float(rate)
         tightened = Fraction(bound - 0.05 * total) if total < 0 else Fraction(bound)
         pencil = with_gain(reduced(tightened, exosystem, rate=rate), W)
-        yield Program(pencils=(pencil,), floor=floor), None
+        yield Program(pencils=(pencil,), floor=floor)
 
 
 def _square(exosystem: Exosystem) -> Fraction:
@@ -285,8 +285,8 @@ def design_gain(exosystem: Exosystem, *, rate: Fraction | None = None) -> GainDe
             note = f"{prefix}W was designed ({how}) for the decay rate {_short(wanted)} 1/s, {asked}."
             return GainDesign(W=W, rate=wanted, note=note)
     cure = f"{'ask for a lower observer.rate, or ' if wanted else ''}give one as observer.W."
-    note = f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP (Clarabel, then"
-    note += f" {SECOND}) nor as a Kalman gain nor by exact pole placement; {cure}"
+    note = f"{prefix}no W was found for the decay rate {_short(wanted)} 1/s, neither by the small SDP nor as"
+    note += f" a Kalman gain nor by exact pole placement; {cure}"
     return GainDesign(W=None, rate=wanted, note=note)
 
 
@@ -299,10 +299,10 @@ def _candidates(exosystem: Exosystem, rate: Fraction, kalman: Array | None) -> I
     with suppress(OverflowError):  # A is beyond the floats
         systems.insert(0, scaled_exosystem(exosystem, time=Fraction(1), output=max(Fraction(1), output)))
     systems = systems if exosystem.order <= LARGEST_PROGRAM else []
-    programs = ((_program(each, rate / each.time * slack), each.gain) for each in systems for slack in SLACK)
-    for answer, unit, how in climb(programs):
-        for W in _roundings(_gain_of(answer)):
-            yield scale(unit, W), f"small SDP {how}".rstrip()
+    asked = list(product(systems, SLACK))
+    answers = solve_in_turn(_program(each, rate / each.time * slack) for each, slack in asked)
+    for (each, _), answer in zip(asked, answers, strict=False):
+        yield from ((scale(each.gain, W), "small SDP") for W in _roundings(_gain_of(answer)))
     yield from ((W, "Kalman gain") for W in _roundings(kalman))
     for slack in SLACK:
         for W in _roundings(_kalman(units.exosystem, shift=float(rate / units.time * slack))):

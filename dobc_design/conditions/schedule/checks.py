@@ -58,19 +58,12 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
     """None if everything that a proved check of this topic claims is confirmed, else what is not."""
     if (reason := obstacle(problem, W)) is not None:
         return reason
-    if check.id == "schedule":
-        return _cycles_wrong(check, problem, W, domain)
-    if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
-        return "it can only be proved or undecided, and has no rate and no witness"
-    claim = read_claim(check, problem, W)
-    return why_not(problem, W, claim) if isinstance(claim, Descent) else "it is about something else"
-
-
-def _cycles_wrong(check: Check, problem: Problem, W: Matrix | None, domain: str) -> str | None:
-    claim = read_claim(check, problem, W)
-    if check.verdict is not Verdict.PROVED or check.witness is not None or not isinstance(claim, Cycles):
+    if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
-    return not_as_claimed(check, problem, claim.rate, claim, domain) or why_not_cycles(problem, W, claim)
+    claim = read_claim(check, problem, W)
+    if isinstance(claim, Cycles):
+        return not_as_claimed(check, problem, claim.rate, claim, domain) or why_not_cycles(problem, W, claim)
+    return "a settling time has no rate" if check.rate is not None else why_not(problem, W, claim)
 
 
 def not_as_claimed(

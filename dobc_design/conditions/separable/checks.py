@@ -74,14 +74,14 @@ def max_separable_check(
 
 def stuck_check(problem: Problem, W: Matrix | None, *, domain: str) -> Check | None:
     """REFUTED, with the agents that no common v can hold, if there are such agents; else None."""
-    ordering = claims.find_ordering(problem)
-    if obstacle(problem, W) is not None or ordering.exists:
+    stuck = claims.stuck_agents(problem)
+    if obstacle(problem, W) is not None or not stuck:
         return None
-    labels = tuple(problem.network.labels[agent] for agent in ordering.stuck)
+    labels = tuple(problem.network.labels[agent] for agent in stuck)
     reason = f"no weights v exist because of {name_agents(labels)}: each agent named has a mode in which it is not"
     reason += " pinned and hears nobody outside this group."
     if len(problem.network.modes) > 1 and len(labels) <= _SHOWN:
-        told = ", ".join(f"{label} in {mode}" for label, mode in zip(labels, ordering.blocking, strict=True))
+        told = ", ".join(f"{label} in {mode}" for label, mode in zip(labels, stuck.values(), strict=True))
         reason = f"no common weights v exist: these agents are not pinned and hear only each other: {told}."
     witness = Witness(kind="agents", labels=labels)
     return Check(id="max-separable", verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness)

@@ -261,30 +261,14 @@ def rows(
     yield from found.items()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ordering:
-    """An order of all agents (indices; several may stand in one rank), or the agents that are stuck.
+def stuck_agents(problem: Problem) -> dict[int, str]:
+    """The agents (indices) that no common v can hold, each with a mode in which its pin does not hold it and it hears
+    nobody outside of them; empty if there are none.
 
-    ``ranks``: rank of every agent from 0, empty if stuck.  ``stuck``: every agent of this set has a mode in which
-    it is not held by its pin and hears nobody outside the set; ``blocking`` names one such mode for each.
     Then no rows with alpha > 0 hold for any v > 0, whatever the couplings: take the agent of the set with the least v.
-    For couplings that are nondecreasing, with a secant gain bounded away from 0 on bounded sets, a common v exists for
-    every radius iff there is such an order, in which every agent is pinned or hears an earlier one in every mode.
-    """
-
-    ranks: tuple[int, ...]
-    stuck: tuple[int, ...]
-    blocking: tuple[str, ...]
-
-    @property
-    def exists(self) -> bool:
-        """Whether an order was found."""
-        return not self.stuck
-
-
-def find_ordering(problem: Problem) -> Ordering:
-    """Order the agents greedily, or find those that are stuck.  "Pinned" means that the pin holds the agent in a row:
-    k_cc - sum_{d != c} |k_cd| > 0 for every component c."""
+    Else the agents have an order in which each is pinned or hears an earlier one in every mode; for couplings that are
+    nondecreasing, with a secant gain bounded away from 0 on bounded sets, a common v exists for every radius then.
+    "Pinned" means that the pin holds the agent in a row: k_cc - sum_{d != c} |k_cd| > 0 for every component c."""
     names = list(problem.network.modes)
     # Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]].
     listeners = []
@@ -295,24 +279,19 @@ def find_ordering(problem: Problem) -> Ordering:
     # Modes in which nobody earlier is heard yet.
     waiting = [0 if gain > 0 else len(names) for gain in holding_gains(problem)]
     heard: list[set[int]] = [set() for _ in names]
-    ranks = [-1] * problem.n
-    front, rank = [agent for agent, count in enumerate(waiting) if not count], 0
-    while front:
-        for agent in front:
-            ranks[agent] = rank
-        following: list[int] = []
+    ordered = [agent for agent, count in enumerate(waiting) if not count]
+    for agent in ordered:  # which grows meanwhile
         for number, (first, listener) in enumerate(listeners):
-            for agent in front:
-                for other in listener[first[agent] : first[agent + 1]]:
-                    if ranks[other] < 0 and other not in heard[number]:
-                        heard[number].add(other)
-                        waiting[other] -= 1
-                        if not waiting[other]:
-                            following.append(other)
-        front, rank = following, rank + 1
-    stuck = tuple(agent for agent, place in enumerate(ranks) if place < 0)
-    blocking = tuple(next(name for number, name in enumerate(names) if agent not in heard[number]) for agent in stuck)
-    return Ordering(ranks=() if stuck else tuple(ranks), stuck=stuck, blocking=blocking)
+            for other in listener[first[agent] : first[agent + 1]]:
+                if other not in heard[number]:
+                    heard[number].add(other)
+                    waiting[other] -= 1
+                    if not waiting[other]:
+                        ordered.append(other)
+    stuck = sorted(set(range(problem.n)) - set(ordered))
+    return {
+        agent: next(name for name, known in zip(names, heard, strict=True) if agent not in known) for agent in stuck
+    }
 
 
 def is_stuck(problem: Problem, agents: Sequence[int]) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, find_ordering, holding_gains
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, holding_gains, stuck_agents
 from dobc_design.conditions.separable.decide import largest_rate, verify_composite
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.coupling.expression import numpy_function
@@ -75,12 +75,6 @@ class Field:
             scale = np.maximum(scale, np.abs(row))
         residual = worst + self.load - (self.gains - alpha) * v
         return residual, self._jacobian(chosen, choices, v, alpha), scale
-
-    def rates(self, v: Array) -> Array:
-        """The rate that v has at each s of the grid, (grid,): the least over agents, modes and faces."""
-        faces = [(mode, face) for mode in range(len(self.modes)) for face in (1, -1)]
-        found = zip(*(np.min(self.gains - self.values(*each, v) / v, axis=1) for each in faces), strict=True)
-        return np.array([min(np.inf, *rates) for rates in found])  # inf first: a rate that is no number is left out
 
     def values(self, mode: int, face: int, v: Array) -> Array:
         """One face of one mode: the largest sum of every agent at each s of the grid, without its gain, (grid, n)."""
@@ -295,7 +289,7 @@ class SeparablePlan:
 def propose_separable(problem: Problem, *, rho: Fraction | float, near: float | None = None) -> SeparablePlan | None:
     """v with min v = 1 and the largest rate for all s in (0, rho], about; None if none > 0.  ``near``: a rate expected
     (1/s)."""
-    if not find_ordering(problem).exists or not 0 < rho <= LARGEST_RADIUS:
+    if stuck_agents(problem) or not 0 < rho <= LARGEST_RADIUS:
         return None
     with np.errstate(all="ignore"):  # far out couplings overflow or end; what is not finite is no proposal
         try:

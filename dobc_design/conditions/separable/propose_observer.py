@@ -89,16 +89,6 @@ def _rounded(bound: _Bound, *, rate: float, slack: float) -> ErrorBound | None:
     return ErrorBound(P=P, beta=beta, kappa=kappa, size=Fraction(math.ceil(top * (1 + 1e-9) * 10**9), 10**9))
 
 
-def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
-    """Whether the rounded numbers satisfy the constraints as far as floats can tell."""
-    P = to_float(bound.P)
-    product = P @ error
-    decay = -(product + product.T + 2 * float(bound.beta) * P)
-    parts = [decay, *(P - np.outer(c, c) for c in C)]
-    sizes = [float(np.max(np.abs(part), initial=0.0)) for part in parts]
-    return all(float(np.linalg.eigvalsh(part)[0]) >= INSIDE * size for part, size in zip(parts, sizes, strict=True))
-
-
 def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
     """Minimise t subject to P <= t I, c'c <= P, error' P + P error <= -2 beta P, by Clarabel."""
     q = len(error)
@@ -123,16 +113,27 @@ def _least_bound(error: Array, C: Array, beta: float) -> _Bound | None:
     return _Bound(beta=beta, P=unit**2 * P, size=unit**2 * float(np.linalg.eigvalsh(P)[-1]))
 
 
+def _sides(P: Array, error: Array, C: Array, beta: float) -> list[Array]:
+    """What the constraints want to be >= 0."""
+    return [-(error.T @ P + P @ error) - 2 * beta * P, *(P - np.outer(c, c) for c in C)]
+
+
+def _is_inside(error: Array, C: Array, bound: ErrorBound) -> bool:
+    """Whether the rounded numbers satisfy the constraints as far as floats can tell."""
+    sides = _sides(to_float(bound.P), error, C, float(bound.beta))
+    return all(float(np.linalg.eigvalsh(x)[0]) >= INSIDE * float(np.max(np.abs(x), initial=0.0)) for x in sides)
+
+
 def _nearly_holds(P: Array, error: Array, C: Array, beta: float) -> bool:
     """Whether floating point sees the constraints, up to rounding: solvers may say what is not so."""
     with np.errstate(all="ignore"):
         size = float(np.max(np.abs(P)))
         room = NEARLY * size * (1 + float(np.max(np.abs(error))) + beta)
-        sides = [-(error.T @ P + P @ error) - 2 * beta * P, *(P - np.outer(c, c) for c in C)]
         try:
-            return 0 < size < LARGEST and all(float(np.linalg.eigvalsh(side)[0]) >= -room for side in sides)
+            lowest = [float(np.linalg.eigvalsh(side)[0]) for side in _sides(P, error, C, beta)]
         except np.linalg.LinAlgError:
             return False
+    return 0 < size < LARGEST and min(lowest) >= -room
 
 
 def _lyapunov_bound(error: Array, C: Array, beta: float) -> _Bound | None:

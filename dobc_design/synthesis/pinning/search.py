@@ -22,7 +22,7 @@ from dobc_design.conditions.consensus.network import Enclosed, carriers, name_ag
 from dobc_design.conditions.coverage import Progress, asked_radius
 from dobc_design.conditions.numbers import claimed, rounded_up, shorten
 from dobc_design.conditions.separable import decide as separable
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, find_ordering
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, stuck_agents
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.statement import Statement, proved, refuted, undecided
 from dobc_design.conditions.weighted.decide import network_holds, why_not
@@ -553,14 +553,14 @@ def _unordered(bare: Problem, request: PinningRequest) -> Statement | None:
         return None
     labels = bare.network.labels
     held = changed_problem(bare, {"pinning.gains": {labels[i]: Fraction(1) for i in request.allowed}})
-    ordering = find_ordering(held)
-    if ordering.exists:
+    stuck = stuck_agents(held)
+    if not stuck:
         return None
-    stuck = name_agents([labels[i] for i in ordering.stuck])
-    modes = f" ({', '.join(dict.fromkeys(ordering.blocking))})" if len(bare.network.modes) > 1 else ""
-    text = f"no gains on the allowed agents have a max-separable certificate, of any radius: each of {stuck} may not be"
-    text += f" pinned and in one of the modes hears nobody but these{modes}."
-    return refuted("ordering", text, agents=", ".join(labels[i] for i in ordering.stuck[:50]))
+    names = [labels[i] for i in stuck]
+    modes = f" ({', '.join(dict.fromkeys(stuck.values()))})" if len(bare.network.modes) > 1 else ""
+    text = "no gains on the allowed agents have a max-separable certificate, of any radius: each of"
+    text += f" {name_agents(names)} may not be pinned and in one of the modes hears nobody but these{modes}."
+    return refuted("ordering", text, agents=", ".join(names[:50]))
 
 
 def _on(

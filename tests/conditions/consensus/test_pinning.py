@@ -192,7 +192,7 @@ def test_shared_gains_are_those_of_the_semidefinite_program_and_their_bound_is_b
     assert costs @ found.gains == pytest.approx(optimal, rel=1e-6)
     assert costs @ found.gains * (1 - 1e-6) <= found.bound <= optimal * (1 + 1e-7)
     assert not np.any(found.gains[~chosen])
-    loads = np.sum([v**2 for v in found.duals], axis=0)
+    loads = np.sum([v**2 for (v,) in found.vectors], axis=0)
     assert np.all(loads[chosen] <= costs[chosen] * (1 + 1e-12))
 
 

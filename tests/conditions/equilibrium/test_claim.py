@@ -8,7 +8,7 @@ import pytest
 from equilibrium_cases import listening_pair, random_folded
 from lure_cases import field
 
-from dobc_design.conditions.equilibrium.decide import Equilibrium, field_at, slopes_on, verify_equilibrium
+from dobc_design.conditions.equilibrium.decide import Equilibrium, field_at, slopes_on, why_not
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.interval import Interval, UndefinedError
 
@@ -60,6 +60,6 @@ def test_what_cannot_be_a_claim_is_refused_and_a_coupling_that_is_not_defined_on
     with pytest.raises(ShapeError, match="one interval per component"):
         Equilibrium(mode="G", box=())
     with pytest.raises(ShapeError, match="must have 2 sides"):
-        verify_equilibrium(listening_pair(), Equilibrium(mode="G", box=(side,)))
+        why_not(listening_pair(), Equilibrium(mode="G", box=(side,)))
     with pytest.raises(SpecError, match="mode must be one"):
-        verify_equilibrium(listening_pair(), Equilibrium(mode="H", box=(side, side)))
+        why_not(listening_pair(), Equilibrium(mode="H", box=(side, side)))

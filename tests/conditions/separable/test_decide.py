@@ -28,10 +28,10 @@ from dobc_design.conditions.separable.claim import (
     Row,
     Separable,
     Term,
-    find_ordering,
     is_stuck,
     largest_reach,
     rows,
+    stuck_agents,
 )
 from dobc_design.conditions.separable.decide import (
     _sides,
@@ -100,7 +100,7 @@ def test_a_claim_is_never_above_what_samples_of_the_field_allow(seed: int):
     rho = F(1 + seed % 3, 3)
     proposal = propose_separable(problem, rho=float(rho))
     if proposal is None:  # nobody holds some agent in one of the modes
-        assert not find_ordering(problem).exists
+        assert stuck_agents(problem)
         return
     v = list(rounded_vectors(proposal))[3]
     alpha = largest_rate(problem, v, rho=rho)
@@ -376,25 +376,21 @@ def test_the_criterion_agrees_with_the_linear_program_on_300_random_graphs():
     found = []
     for seed in range(300):
         problem = problem_of(seed)
-        ordering = find_ordering(problem)
-        assert ordering.exists == has_common_v(problem), seed
-        assert ordering.exists != is_stuck(problem, ordering.stuck), seed
-        found.append(ordering.exists)
+        stuck = stuck_agents(problem)
+        assert bool(stuck) != has_common_v(problem), seed
+        assert bool(stuck) == is_stuck(problem, list(stuck)), seed
+        found.append(not stuck)
     assert 60 < sum(found) < 240
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_in_the_order_everyone_is_pinned_or_hears_an_earlier_one_in_every_mode(seed: int):
+def test_an_agent_that_is_stuck_is_not_pinned_and_hears_nobody_else_in_its_mode(seed: int):
     problem = problem_of(seed)
-    ordering = find_ordering(problem)
+    found = stuck_agents(problem)
     for name, arcs in problem.network.modes.items():
-        if ordering.exists:
-            heard = {i for i, j, _ in arcs if ordering.ranks[j] < ordering.ranks[i]}
-            assert heard | set(problem.pinning.agents) == set(range(problem.n))
-        else:
-            stuck = {agent for agent, mode in zip(ordering.stuck, ordering.blocking, strict=True) if mode == name}
-            assert not stuck & set(problem.pinning.agents)
-            assert not [(i, j) for i, j, _ in arcs if i in stuck and j not in ordering.stuck]
+        stuck = {agent for agent, mode in found.items() if mode == name}
+        assert not stuck & set(problem.pinning.agents)
+        assert not [(i, j) for i, j, _ in arcs if i in stuck and j not in found]
 
 
 def of_modes(modes: dict[str, list[list[int]]]) -> Problem:
@@ -404,19 +400,18 @@ def of_modes(modes: dict[str, list[list[int]]]) -> Problem:
 def test_orders_of_modes_that_alternate_of_a_cycle_and_of_matrix_gains():
     """Theory, section 5: 3 hears 2 in mode A, 2 hears the pinned 1 in mode B; the twin has both arcs in each."""
     problem = of_modes({"A": [[3, 2]], "B": [[2, 1]]})
-    ordering = find_ordering(problem)
-    assert (ordering.stuck, ordering.blocking) == ((1, 2), ("A", "A"))
+    assert stuck_agents(problem) == {1: "A", 2: "A"}
     assert is_stuck(problem, (1, 2))
     assert not is_stuck(problem, (0, 1, 2))
-    assert find_ordering(of_modes({"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]})).ranks == (0, 1, 2)
+    assert not stuck_agents(of_modes({"A": [[3, 2], [2, 1]], "B": [[2, 1], [3, 1]]}))
     # Component c is worth k_cc - sum |k_cd|.
-    assert find_ordering(cycle(5)).ranks == (0, 4, 3, 2, 1)
-    assert find_ordering(cycle(5, gains={})).stuck == (0, 1, 2, 3, 4)
+    assert not stuck_agents(cycle(5))
+    assert list(stuck_agents(cycle(5, gains={}))) == [0, 1, 2, 3, 4]
     network = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2)
     for corner, stuck in ((1, ()), (2, (0, 1))):
         gain = [[2, corner], [-corner, 2]]
         problem = Problem(network=network, coupling="y", gains={1: gain}, target=[0, 0])
-        assert find_ordering(problem).stuck == stuck
+        assert tuple(stuck_agents(problem)) == stuck
 
 
 def test_rows_are_shared_and_their_terms_hold_weights_reach_and_step():

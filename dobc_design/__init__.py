@@ -35,6 +35,7 @@ _NAMES = {
     "importing.files": "problem_from_file",
     "importing.grids": "from_pandapower",
     "model.model": "Model",
+    "problem.dynamics": "Dynamics",
     "problem.exosystems": "Exosystem exosystems",
     "problem.groups": "Group Observer",
     "problem.load": "load_problem",

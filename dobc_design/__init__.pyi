@@ -22,6 +22,7 @@ from dobc_design.importing.files import problem_from_file as problem_from_file
 from dobc_design.importing.grids import from_pandapower as from_pandapower
 from dobc_design.model.model import Model as Model
 from dobc_design.problem import exosystems as exosystems
+from dobc_design.problem.dynamics import Dynamics as Dynamics
 from dobc_design.problem.exosystems import Exosystem as Exosystem
 from dobc_design.problem.groups import Group as Group
 from dobc_design.problem.groups import Observer as Observer

@@ -26,6 +26,7 @@ from dobc_design.problem.arrays import (
     split_by,
     unreached,
 )
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 
 
@@ -212,13 +213,15 @@ class Analysis(Headed):
 
 
 def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
-    """Collect the diagnostics; ``gain`` (q, m) takes the place of problem.observer.W.  Raises: SpecError."""
+    """Collect the diagnostics; ``gain`` (q, m) takes the place of problem.observer.W.  Of agents with
+    [dynamics] Lambda and J - K are those of the integrators with the same errors.  Raises: SpecError."""
+    problem = as_integrators(problem)
     W, exosystem, modes = chosen_gain(problem, gain), problem.joint_exosystem, tuple(problem.network.modes)
     return Analysis(
         name=problem.name,
         observability=None if exosystem is None else check_observability(exosystem.A, exosystem.C),
         spectrum=None if exosystem is None or W is None else check_spectrum(exosystem.A, exosystem.C, W),
-        graphs=tuple(graph_facts(problem, mode) for mode in modes),
+        graphs=tuple(graph_facts(problem.origin or problem, mode) for mode in modes),
         modes=tuple(mode_spectrum(problem, mode) for mode in modes),
     )
 

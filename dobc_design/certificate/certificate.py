@@ -22,6 +22,7 @@ from dobc_design.conditions.schedule.cycles import Cycles, Phase, Weights, phase
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -40,6 +41,11 @@ class Certificate(Shown):
 
     problem: Problem
     claims: Claims
+
+    @property
+    def _loop(self) -> Problem:
+        """The problem that the checks are about."""
+        return as_integrators(self.problem)
 
     @property
     def verdict(self) -> Verdict:
@@ -85,7 +91,7 @@ class Certificate(Shown):
     @property
     def regions(self) -> Regions:
         """From which starts consensus is proved, method by method, beside the region asked for."""
-        return certified_regions(self.problem, self.claims)
+        return certified_regions(self._loop, self.claims)
 
     @property
     def settling(self) -> Settling | None:
@@ -93,7 +99,7 @@ class Certificate(Shown):
 
         Raises: CertificateError for a claim that cannot be read, as in a file that somebody else wrote.
         """
-        return certified_settling(self.problem, self.claims)
+        return certified_settling(self._loop, self.claims)
 
     @property
     def weights(self) -> tuple[tuple[Phase, Weights], ...]:
@@ -101,7 +107,7 @@ class Certificate(Shown):
         no `schedule` is proved with weights.  Raises: CertificateError for a claim that cannot be read."""
         proved = (each for each in self.checks if each.id == "schedule" and each.verdict is Verdict.PROVED)
         with reading_claims():
-            for claim in (claim_of(check, self.problem, self.claims.W) for check in proved):
+            for claim in (claim_of(check, self._loop, self.claims.W) for check in proved):
                 if isinstance(claim, Cycles) and claim.phases:
                     return tuple(zip(phases_of(self.problem), claim.phases, strict=True))
         return ()
@@ -112,7 +118,7 @@ class Certificate(Shown):
         A function of times in s, the least of what the checks prove; its ``reason`` says why where there is none.
         ``trajectory.plot(certificate=certificate)`` draws it.  Raises: SpecError for a run of another problem.
         """
-        return certified_bound(self.problem, self.claims, run)
+        return certified_bound(self._loop, self.claims, run)
 
     def plot(self, ax: Any = None) -> Any:
         """The certified regions: how far each method reaches, from where each agent may start; and moving weights.

@@ -23,7 +23,7 @@ from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.claim import SamplingBound
-from dobc_design.conditions.weighted import decide as weighted
+from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.errors import CertificateError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.problem import Problem

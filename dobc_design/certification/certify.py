@@ -42,7 +42,7 @@ from dobc_design.conditions.schedule.cycles import phases_of
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, schedule_stage, settle, settling_stage
 from dobc_design.conditions.separable.stage import separable_stage
-from dobc_design.conditions.weighted.propose import weighted_stage
+from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import Number, number_text
@@ -50,6 +50,7 @@ from dobc_design.exact.work import out_of_time, read_time_limit, until
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, join, name_some
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -92,7 +93,8 @@ def certify(
         >>> certificate.verdict.value, certificate.covered_by
         ('proved', 'theorem1-weighted')
     """
-    problem = load_problem(problem)
+    given = load_problem(problem)
+    problem = as_integrators(given)
     report = report_to(progress)
     tolerance = None if settling is None else read_tolerance(settling)
     seconds = None if time_limit is None else read_time_limit(time_limit)
@@ -107,7 +109,8 @@ def certify(
         regions = partial(region_checks, problem, W, domain=domain, everything=everything, report=report)
         guaranteed = problem.switching is not None and problem.switching.is_guaranteed
         own = tuple(regions(checks)) if guaranteed else ()  # it may need no cure of single modes
-        if out_of_time() is None and not any(covers(problem, check, own) for check in own):
+        curable = given.dynamics is None and out_of_time() is None
+        if curable and not any(covers(problem, check, own) for check in own):
             checks = with_cures(
                 problem, checks, findings, progress=report, decide=lambda x: decide(x, lambda stage: None).checks
             )
@@ -133,7 +136,7 @@ def certify(
             options=tuple(options),
         )
         report("asking the second program")
-        return Certificate(problem=problem, claims=agreed(claims, problem))
+        return Certificate(problem=given, claims=agreed(claims, problem))
 
 
 def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Recheck:
@@ -147,7 +150,7 @@ def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Rechec
         True
     """
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
-    return verify_twice(claims, load_problem(problem))
+    return verify_twice(claims, as_integrators(load_problem(problem)))
 
 
 @shows_progress
@@ -172,7 +175,7 @@ def certify_settling(
         >>> settling.verdict.value, settling.envelope(settling.time) <= 0.1
         ('proved', True)
     """
-    problem = load_problem(problem)
+    problem = as_integrators(load_problem(problem))
     asked = asked_of(problem, tolerance=tolerance, radius=radius, disturbance=disturbance)
     return settle(problem, observer_gain(problem), asked, progress=report_to(progress))
 

@@ -92,6 +92,8 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
 def _apart_reason(problem: Problem) -> str | None:
     """Agents that nothing pulls to the target, always or in a cycle of modes, if the region lets them start so."""
     labels, modes, phases = problem.network.labels, problem.network.modes, phases_of(problem)
+    if problem.node is not None:  # what no gain and no slope of f acts on, f itself may still pull: x' = -x**3
+        return None
     for cycle in (tuple(modes), *(cycles_of(phases) if len(phases) <= MOST_PHASES else ())):
         reason = _apart_in(problem, cycle, labels)
         if reason is not None:
@@ -119,7 +121,8 @@ def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> 
                 pins = f"no agent is pinned, so nothing pulls {who}"
             return f"Consensus fails: {pins} to the target. {cure_in_words(problem, arcs)}"
         direction = ", ".join(number_text(x) for x in c)
-        text = f"Consensus fails: the gains of {name_agents(tuple(labels[i] for i in group))} leave the direction"
+        own = "the gains" if problem.origin is None else "the gains and the dynamics"
+        text = f"Consensus fails: {own} of {name_agents(tuple(labels[i] for i in group))} leave the direction"
         text += f" ({direction}) free, and no other agent acts on it: an error in this direction never decays."
         return text + " Give one of them a gain k with k c != 0 for that direction c."
     return None

@@ -28,11 +28,12 @@ from dobc_design.conditions.observer import decide as observer
 from dobc_design.conditions.quadratic import decide as quadratic
 from dobc_design.conditions.schedule import checks as schedule
 from dobc_design.conditions.separable import checks as separable
-from dobc_design.conditions.weighted import decide as weighted
+from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 from dobc_design.problem.groups import blocks_of
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -167,6 +168,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
     """Confirm the claims one by one, then that the verdict follows from those confirmed.  Raises: CertificateError."""
+    problem = as_integrators(problem)
     claims = read_claims(certificate) if isinstance(certificate, bytes) else certificate
     failures: list[str] = []
     if claims.problem_sha256 != problem_sha256(problem):

@@ -17,6 +17,7 @@ from dobc_design.certification.overall import decide_overall
 from dobc_design.falsification.search import RUNS, search_starts
 from dobc_design.falsification.starts import regional_check
 from dobc_design.falsification.suspect import Falsification
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.verdict import Verdict
 
 #: Starts of the default search: rows n m times starts are at most so many, but there are a few starts at least.
@@ -53,7 +54,7 @@ def search_certificate(
     """
     options = tuple(dict.fromkeys((*certificate.claims.options, "--search")))  # as `dobc certify --search` makes it
     certificate = replace(certificate, claims=replace(certificate.claims, options=options))
-    problem, W = certificate.problem, certificate.claims.W
+    problem, W = as_integrators(certificate.problem), certificate.claims.W
     if runs is None:
         runs = max(LEAST_RUNS, min(RUNS, MOST_ROWS // (problem.n * problem.m)))
     if problem.groups and W is None:

@@ -27,11 +27,12 @@ from .matrices import (
     positive,
     product,
     routh,
+    semidefinite,
     stable,
     transpose,
     unstable,
 )
-from .reading import an_object, direction, matrix, need, rational, read, same, text, weights
+from .reading import MATRIX_BITS, an_object, direction, matrix, need, rational, read, same, short, text, weights
 
 Fact = tuple[bool, Any, Any]  # whether it is so, the exact value that stands there, and the witness if it is not so
 
@@ -89,7 +90,7 @@ def fact(case: Certificate, check: Any) -> None:
         found, exact, witness = OF_GROUPS[check.id](group, W)
     else:  # every agent is pinned, or hears a pinned one, directly or through others
         p, group, W = case.problem, None, None
-        reached = reach(p.gains, p.edges([check.mode], False))
+        reached = reach(p.pinned, p.edges([check.mode], False))
         rest = [label for i, label in enumerate(p.labels) if i not in reached]
         found, exact, witness = not rest, None, {"kind": "agents", "labels": rest}
     need(check.margin is None, "it has no margin to claim")
@@ -222,6 +223,9 @@ def weighted(case: Certificate, check: Any) -> None:
     need(check.verdict == "proved" and check.witness is None, "it is proved, without a witness, or undecided")
     need(check.margin is None and (check.rate is None or b > 0), "it claims a margin, or a rate that is not positive")
     known = partial(weights, size)
+    if p.B is not None and "R" in (check.exact or {}):
+        alike(case, check)
+        return
     claim = read(check.exact, {"D": known, "w": an_object} | ({"P": matrix(p.q, p.q)} if p.q else {}))
     need(set(claim.w) == set(p.modes), "there is no vector for each mode")
     if p.q:
@@ -234,11 +238,50 @@ def weighted(case: Certificate, check: Any) -> None:
         left = [-(2 * b + worst[i // m] * D[i]) * D[i] * w[i] for i in range(size)] + [ZERO]
         for i, j, own, (lo, hi) in p.terms(mode):
             need(own == i or lo == hi == 0, "a coupling or a gain mixes components")
-            need(lo >= 0, "a slope or a gain is negative")
+            need(lo >= 0 or j == size, "a slope is negative")  # what dynamics do to an agent itself may have any sign
             pull = 2 * w[i] - w[j]
             left[i] += D[i] * pull * (lo if pull > 0 else hi) if own == i else 0
             left[j] -= D[i] * hi * w[i] if own == i else 0
         need(min(left[:size]) > 0, "the weights do not show it")
+
+
+def alike(case: Certificate, check: Any) -> None:
+    """V = e'(D (x) R)e of agents with dynamics decreases at the rate: slopes are g G, gains B K = k G, g, k >= 0, and
+    N w > 0 for N = D M + M'D - 2 c D, R > 0, R G = G'R >= 0, A'R + R A - 2 c R G + 2 rate R < 0, M = L(g) + diag(k)."""
+    p, b, vector = case.problem, check.rate or ZERO, partial(weights, case.problem.n)
+    claim = read(check.exact, {"D": vector, "w": an_object, "c": rational, "R": matrix(p.m, p.m)})
+    need(set(claim.w) == set(p.modes), "there is no vector for each mode")
+    R, c, every = claim.R, claim.c, range(p.m)
+    short((x for row in R for x in row), MATRIX_BITS)
+    known = p.couplings[: len(p.couplings) - p.nodes]
+    slopes = [[[coupling.slope(i, j) for j in every] for i in every] for coupling in known]
+    need(all(lo == hi for each in slopes for row in each for lo, hi in row), "a slope is not exact")
+    exact = [[[lo for lo, _ in row] for row in each] for each in slopes]
+    G = next((each for each in exact if any(map(any, each))), identity(p.m))
+    parts = dict(zip(known, (multiple(each, G) for each in exact), strict=True))
+    none = identity(p.m, 0)
+    gains = [multiple(plus(p.gains.get(i, none), 1, p.drift), G) for i in range(p.n)]
+    RG, RA = product(R, G), product(R, p.drift)
+    F = plus(plus(plus(RA, 1, transpose(RA)), -2 * c, RG), 2 * b, R)
+    need(transpose(R) == R and transpose(RG) == RG, "R or R G is not symmetric")
+    need(definite(R) and semidefinite(RG) and definite(F, -1), "R does not show it")
+    need(not p.q or stable(closed(p, case.W, b)), "A - W C + rate I is not Hurwitz")
+    for mode, arcs in p.modes.items():
+        D, w = claim.D, vector(claim.w[mode])
+        left = [2 * D[i] * w[i] * (k - c) for i, k in enumerate(gains)]
+        for i, j, weight, coupling in arcs:
+            g = weight * parts[coupling] * D[i]
+            left[i] += g * (2 * w[i] - w[j])
+            left[j] -= g * w[i]
+        need(min(left) > 0, "the weights do not show it")
+
+
+def multiple(X: Matrix, G: Matrix) -> Fraction:
+    """The number g >= 0 with X = g G."""
+    pairs = [(x, y) for rows in zip(X, G, strict=True) for x, y in zip(*rows, strict=True)]
+    g = next((x / y for x, y in pairs if y), ZERO)
+    need(g >= 0 and all(x == g * y for x, y in pairs), "couplings and gains are not multiples of one matrix")
+    return g
 
 
 def linearisation(case: Certificate, check: Any) -> None:

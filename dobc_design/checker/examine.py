@@ -102,7 +102,11 @@ def regional(case: Certificate, check: Any) -> None:
     need(check.margin is None, "it has no margin to claim")
     need(p.q == 0 or case.W is not None, "there is no observer gain")
     if check.id not in ("lure", "equilibrium", "markov"):
-        need(all(coupling.single for coupling in p.couplings), "a coupling is a list")
+        need(
+            not p.nodes and all(coupling.single for coupling in p.couplings),
+            "a coupling is a list, or nodes are curved",
+        )
+    need(not p.nodes or check.id not in ("equilibrium", "markov"), "nodes are curved")
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
     else:

@@ -6,15 +6,17 @@ the problem are those of the joint exosystem: block diagonal, with the blocks of
 
 import hashlib
 import math
+import re
 from collections.abc import Collection, Iterable, Iterator
 from fractions import Fraction
 from functools import cached_property, partial
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from .expressions import Coupling, read_coupling
+from .expressions import Coupling, Expression, read_coupling
 from .intervals import Exact, times
-from .matrices import ZERO, Matrix, Rows, diagonal, echelon, meets, plus
+from .matrices import ZERO, Matrix, Rows, diagonal, echelon, identity, meets, plus, product, transpose
 from .reading import (
     MATRIX_BITS,
     an_object,
@@ -53,16 +55,18 @@ class Problem:
         self.n, self.m = n, m = len(self.labels), integer(source.get("dimension"))
         need(0 < n == len(set(self.labels)), "labels have to be different, and at least one")
         need(1 <= m <= 100, "the dimension is not between 1 and 100")
+        self.read_dynamics(source.get("dynamics"))
+        p = len(self.left)
 
         agent = partial(index, n)
-        shape = dict.fromkeys(("version", "labels", "dimension", "switching")) | {
+        shape = dict.fromkeys(("version", "labels", "dimension", "switching", "dynamics?")) | {
             "format": text,
             "name": text,
             "notes": [text],
             "target": (rational,) * m,
             "modes": [{"name": text, "arcs": [(agent, agent, rational)]}],
             "coupling": {"h": self.read_h, "exceptions": [{"arc": (agent, agent), "h": self.read_h}]},
-            "gains": [(agent, matrix(m, m))],
+            "gains": [(agent, matrix(p, m))],
             "exosystem": maybe(an_object),
             "offsets": [(agent, (rational,) * m)],
             "observer": {"W": None, "P": None, "rate": maybe(rational)},
@@ -73,15 +77,16 @@ class Problem:
             "region": maybe({"initial_states": matrix(m, 2), "initial_disturbance": maybe(rational)}),
         }
         file = read(source, shape)
-        self.name, self.notes, self.region = file.name, file.notes, file.region
-        self.uncertainty, self.actuators, self.simulation = file.uncertainty, file.actuators, file.simulation
-        self.gains: dict[int, Matrix] = dict(file.gains)
         offsets = dict(file.offsets)
         self.goals = [plus([file.target], 1, [offsets.get(i, [ZERO] * m)])[0] for i in range(n)]
-
+        nodes = self.rests(file.target, offsets)
+        self.name, self.notes, self.region = file.name, file.notes, file.region
+        self.uncertainty, self.actuators, self.simulation = file.uncertainty, file.actuators, file.simulation
+        self.gains: dict[int, Matrix] = self.felt(dict(file.gains))
         h, exceptions = file.coupling.h, {tuple(each.arc): each.h for each in file.coupling.exceptions}
         known = {each: read_coupling(each, m) for each in (h, *exceptions.values())}
-        self.couplings = list(known.values())  # all different, h first
+        self.couplings = [*known.values(), *nodes]  # all different, h first; then what every agent feels of its own
+        self.nodes = len(nodes)
         self.kinked = any(coupling.kinked for coupling in self.couplings)
         self.domain = "global" if all(coupling.straight for coupling in self.couplings) else "consensus"
         self.switching = read(file.switching, maybe(an_object))
@@ -103,8 +108,80 @@ class Problem:
         self.q = len(self.A)
 
     def read_h(self, value: Any) -> tuple[str, ...]:
-        """One expression, or one per component."""
-        return (value,) if type(value) is str else tuple(read(value, (text,) * self.m))
+        """One expression, or one per component: of B h, which the states feel."""
+        h = (value,) if type(value) is str else tuple(read(value, (text,) * len(self.left)))
+        if self.B is None:
+            return h
+        if len(h) == 1 and identity(self.m, b := self.B[0][0]) == self.B:
+            return h if b == 1 else (f"({b})*({h[0]})",)
+        if len(h) == 1 < len(self.left):
+            need(len(self.left) == self.m, "there is not one expression for each input")
+            h = tuple(re.sub(r"\by\b", f"y{c + 1}", h[0]) for c in range(self.m))
+        rows = [[f"({b})*({each})" for b, each in zip(row, h, strict=True) if b] for row in self.B]
+        return tuple(" + ".join(row) or "0" for row in rows)
+
+    # --- dynamics: x' = A x + B (h + u + d) has the errors of integrators with B h, B K - A, B C and W B+, B+ B = I
+    def read_dynamics(self, value: Any) -> None:
+        """A and B of the agents; B+."""
+        m = self.m
+        self.drift: Any = None  # A and B: matrices, where there are dynamics
+        self.B: Any = None
+        self.left = identity(m)
+        if value is not None:
+            rows = an_object(value).get("B") or [0]
+            columns = len(rows[0]) if type(rows) is list and type(rows[0]) is list else 0
+            need(1 <= columns <= m, "B has to have 1 to m columns")
+            file = read(value, {"A?": matrix(m, m), "f?": (text,) * m, "B": matrix(m, columns)})
+            need((file.A is None) is not (file.f is None), "there has to be either A or f")
+            self.drift, self.f, self.B = file.A, file.f, file.B
+            need(len(echelon(file.B)[0]) == columns, "B has dependent columns")
+            turned = transpose(file.B)
+            both = [[*own, *right] for own, right in zip(product(turned, file.B), turned, strict=True)]
+            self.left = [row[columns:] for row in echelon(both)[0]]
+
+    def rests(self, target: list[Fraction], offsets: Any) -> list[Coupling]:
+        """Goals are equilibria for some constant input; A are the slopes of f(target + e) - f(target), which is there
+        unless it is straight."""
+        if self.B is None:
+            return []
+        found, m = [], self.m
+        goals = transpose([target, *([] if self.drift is None else self.goals)])
+        if self.drift is None:
+            need(not any(map(any, offsets.values())), "a formation goes with A, not with f")
+            names = ["y"] if m == 1 else [f"y{d + 1}" for d in range(m)]
+            moved = [name if not x else f"({x} + {name})" for x, name in zip(target, names, strict=True)]
+            own = {name.replace("y", "x") for name in names}
+            need(all(set(re.findall(r"\b[xy][0-9]*\b", each)) <= own for each in self.f), "f is written in x1 to xm")
+            f = [re.sub(r"\bx([0-9]*)\b", lambda x: moved[int(x[1] or 1) - 1], each) for each in self.f]
+            values = [self.at_target(each, names) for each in f]
+            falls = tuple(f"({each}) - ({x})" for each, x in zip(f, values, strict=True))
+            whole = read_coupling(falls, m)
+            slopes = [[whole.slope(c, d) for d in range(m)] for c in range(m)]
+            need(not whole.kinked and all(lo == hi for row in slopes for lo, hi in row), "f has no exact slopes")
+            self.drift, goals = [[lo for lo, _ in row] for row in slopes], [[x] for x in values]
+            found = [] if whole.straight else [whole]
+            pulled = goals
+        else:
+            pulled = product(self.drift, goals)
+        need(product(self.B, product(self.left, pulled)) == pulled, "a goal is no equilibrium for a constant input")
+        return found
+
+    @staticmethod
+    def at_target(text: str, names: list[str]) -> Fraction:
+        """The exact value of an expression where its variables are 0."""
+        part = Expression(text, names)
+        value = part.run(part.steps, [((ZERO, ZERO), ()) for _ in names])[0]
+        need(value[0] == value[1], "f is not rational at the target")
+        return Fraction(value[0])
+
+    def felt(self, gains: dict[int, Matrix]) -> dict[int, Matrix]:
+        """What the gains do to the states; with dynamics B K - A of every agent, unless it is 0."""
+        self.pinned = {i for i, k in gains.items() if any(map(any, k))}
+        if self.B is None:
+            return gains
+        none = [[ZERO] * self.m for _ in self.left]
+        each = ((i, plus(product(self.B, gains.get(i, none)), -1, self.drift)) for i in range(self.n))
+        return {i: k for i, k in each if any(map(any, k))}
 
     def read_limit(self, value: Any) -> dict[int, Fraction]:
         """The limits of the inputs: one for all agents, or one for some."""
@@ -132,12 +209,16 @@ class Problem:
 
     def read_group(self, value: Any) -> Any:
         """The agents of one exosystem, and its A, C, W and P."""
-        rows, m = value.get("A"), self.m
+        rows, p, wide = value.get("A"), len(self.left), value.get("W")
         q = len(rows) if type(rows) is list else 0
         need(q > 0, "an exosystem has no state")
-        gain, P = maybe(matrix(q, m)), maybe(matrix(q, q))
-        shape = {"agents": [partial(index, self.n)], "A": matrix(q, q), "C": matrix(m, q), "W": gain, "P": P}
+        of_states = type(wide) is list and wide and type(wide[0]) is list and len(wide[0]) == self.m
+        gain, P = maybe(matrix(q, self.m if of_states else p)), maybe(matrix(q, q))
+        shape = {"agents": [partial(index, self.n)], "A": matrix(q, q), "C": matrix(p, q), "W": gain, "P": P}
         group = read(value, shape)
+        if self.B is not None:
+            W = group.W if of_states or group.W is None else product(group.W, self.left)
+            group = SimpleNamespace(**vars(group) | {"C": product(self.B, group.C), "W": W})
         need(bool(group.agents) and group.agents == sorted(set(group.agents)), "the agents of a group are not in order")
         need(group.P is None or group.W is not None, "there is a P without a W")
         return group
@@ -215,6 +296,8 @@ class Problem:
     def escapes(self, modes: Collection[str]) -> bool:
         """A closed set of agents (they listen to nobody outside) can stay away from the target in these modes, inside
         the region. The smallest closed set around an agent has the fewest gains; a nonsingular gain in it holds it."""
+        if self.nodes:  # curved ones may pull where neither gains nor their slopes do
+            return False
         nonsingular = [i for i, k in self.gains.items() if len(echelon(k)[0]) == self.m]
         hears, held = self.edges(modes, True), reach(nonsingular, self.edges(modes, False))
         return any(self.leaves_free(reach([i], hears)) for i in range(self.n) if i not in held)

@@ -28,6 +28,7 @@ def tolerance(case: Certificate, check: Any) -> None:
     shape = dict.fromkeys(("weights", "gains", "alpha", "eta?"), rational) | {"v?": partial(weights, p.n)}
     exact = read(check.exact, shape)
     errors, v, eta, rate = (exact.weights, exact.gains), exact.v, exact.eta, exact.alpha
+    need(p.B is None, "errors of gains are not known for agents with dynamics")
     need(all(0 <= error < 1 for error in errors) and rate > 0, "an error is not in [0, 1), or alpha is not positive")
     need(table is None or (table.weights <= errors[0] and table.gains <= errors[1]), "the problem has larger errors")
     need((eta is None) == (table is None or table.known_to_agents), "eta is for observers that do not know the weights")

@@ -105,7 +105,7 @@ def inside(P_e: Matrix, z: list[Fraction], square: Fraction, limit: Fraction) ->
 def contained(p: Problem, P_e: Matrix, square: Fraction, radius: Fraction | None) -> None:
     """{e'P_e e <= square} lies inside the radius (none: there is no limit)."""
     for a, b in relied(p) if radius is not None else ():
-        z = [Fraction((k == b) - (k == a)) for k in range(len(P_e))]
+        z = [Fraction((k == b) - (k == a)) for k in range(len(P_e))]  # of the target, the row after the last: nothing
         need(inside(P_e, z, square, radius or ZERO), "the level set leaves the radius")
 
 
@@ -116,14 +116,23 @@ def relied(p: Problem) -> set[tuple[int, int]]:
         bent = [each for each, part in zip(h.h, h.parts, strict=True) if part.degree > 1]
         if not h.straight and (h.single or any(re.search(rf"y{d + 1}(?![0-9])", each) for each in bent)):
             found.add((i * p.m + d, j * p.m + d))
+    nodes = p.couplings[-1] if p.nodes else None
+    for i, d in itertools.product(range(p.n), range(p.m)):
+        if nodes and any(part.degree > 1 and named(each, d) for each, part in zip(nodes.h, nodes.parts, strict=True)):
+            found.add((i * p.m + d, p.n * p.m))
     return found
+
+
+def named(text: str, d: int) -> bool:
+    """Whether an expression names component d."""
+    return bool(re.search(rf"\by({d + 1}{'|' if d == 0 else ''})(?![0-9a-z])", text))
 
 
 # --- gains of the couplings
 def read_ranges(p: Problem, claim: Any) -> Ranges:
     """The gains of every coupling that an arc has, shown on |y_c| <= radius."""
     used = {arc.coupling for arcs in p.modes.values() for arc in arcs}
-    wanted = [k for k, h in enumerate(p.couplings) if h in used]
+    wanted = [k for k, h in enumerate(p.couplings) if h in used or k >= len(p.couplings) - p.nodes]
     need(sorted(each.coupling for each in claim.ranges) == wanted, "the ranges are not those of the couplings")
     found = {p.couplings[each.coupling]: each.gains for each in claim.ranges}
     need(all(gains_hold(h, gains, claim.radius) for h, gains in found.items()), "the gains are not shown")
@@ -183,6 +192,10 @@ def channels(p: Problem, mode: str, ranges: Ranges) -> list[tuple[int, int, int,
         lo, hi = (arc.w * x for x in ranges[arc.coupling][c][d])
         if lo or hi:
             found.append((arc.i * m + c, arc.i * m + d, arc.j * m + d, (lo + hi) / 2, (hi - lo) / 2))
+    for i, c, d in itertools.product(range(p.n), range(m if p.nodes else 0), range(m)):
+        lo, hi = (x - p.drift[c][d] for x in ranges[p.couplings[-1]][c][d])
+        if lo or hi:  # beside A, a gain of e_i itself: the difference to the target, the row after the last
+            found.append((i * m + c, p.n * m, i * m + d, (lo + hi) / 2, (hi - lo) / 2))
     return found
 
 
@@ -190,7 +203,8 @@ def inequalities(p: Problem, claim: Any, gains: Any, multipliers: Any, costs: Ma
     """The matrices that have to be negative definite in a mode."""
     P_e, size, method = claim.P_e, len(claim.P_e), claim.method
     need(method in ("lure", "interval", "vertices"), "the method is none of lure, interval and vertices")
-    A, M, extra = plus(identity(size, 0), -1, p.gain_matrix()), identity(size, 0), identity(size, 0)
+    A, M, extra = plus(identity(size, 0), -1, p.gain_matrix()), identity(size, 0), identity(size + 1, 0)
+    A = [[*row, ZERO] for row in A]  # the last column, and row of ``extra``, are those of the target
     taus = read(multipliers, (rational,) * (len(gains) if method == "lure" else 0))
     for k, (b, own, other, g0, D) in enumerate(gains):
         A[b][other], A[b][own] = A[b][other] + g0, A[b][own] - g0
@@ -204,14 +218,14 @@ def inequalities(p: Problem, claim: Any, gains: Any, multipliers: Any, costs: Ma
             for x in range(size):
                 extra[x][x] += D * sum(abs(P_e[x][b] * z.get(y, 0) + z.get(x, 0) * P_e[y][b]) for y in range(size))
 
-    quadratic = plus(product(product(P_e, plus(M, 1, costs)), P_e), 1, extra)
+    quadratic = plus(product(product(P_e, plus(M, 1, costs)), P_e), 1, [row[:size] for row in extra[:size]])
     free = [channel for channel in gains if channel[-1] and method == "vertices"]
     need(len(free) <= 12, "there are too many vertices")
     for signs in itertools.product((-1, 1), repeat=len(free)):
         corner = [list(row) for row in A]
         for sign, (b, own, other, _, D) in zip(signs, free, strict=True):
             corner[b][other], corner[b][own] = corner[b][other] + sign * D, corner[b][own] - sign * D
-        half = plus(product(P_e, corner), claim.rate, P_e)
+        half = plus(product(P_e, [row[:size] for row in corner]), claim.rate, P_e)
         yield plus(plus(half, 1, transpose(half)), 1, quadratic)
 
 

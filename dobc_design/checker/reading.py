@@ -43,7 +43,8 @@ def document(data: bytes, kind: str) -> dict[str, Any]:
     except (ValueError, ArithmeticError, RecursionError):
         raise Refused("the file is no JSON in UTF-8, or nested too deeply") from None
     need(type(value) is dict and value.get("format") == kind, f"the file is no {kind}")
-    need(type(value.get("version")) is int and value["version"] == 1, "the version is not 1")
+    known = 2 if kind == "dobc-problem" and "dynamics" in value else 1
+    need(type(value.get("version")) is int and value["version"] == known, f"the version is not {known}")
     return dict(value)
 
 

@@ -355,6 +355,7 @@ def sampling(case: Certificate, check: Any) -> None:
     p, claim = case.problem, beside(case, check)
     exact = read(check.exact, {"period": rational, "factor": rational, "certificate?": an_object})
     need(check.rate is None, "it has no rate to claim")
+    need(p.B is None, "dynamics of the agents themselves are not held")
     if exact.certificate is not None:
         claim = read_separable(case, exact.certificate)
         need(pace(case, claim) > 0, "its own certificate has no rate")

@@ -22,7 +22,7 @@ _DECIDED_IN: Final = {
     "observer": ("conditions/observer/decide.py", "exact/observability.py", "exact/polynomial.py"),
     "consensus": ("conditions/consensus/decide.py", "conditions/consensus/network.py", "exact/definite.py"),
     "linearisation": ("conditions/linearisation/decide.py", "exact/polynomial.py"),
-    "weighted": ("conditions/weighted/decide.py",),
+    "weighted": ("conditions/weighted/decide.py", "conditions/weighted/network.py"),
     "separable": ("conditions/separable/decide.py", "conditions/separable/timing.py"),
     "margins": ("conditions/margins/decide.py", "conditions/separable/decide.py"),
     "quadratic": ("conditions/quadratic/decide.py",),

@@ -36,8 +36,9 @@ _LONGEST_NUMBER = 40
 class Coupling(Shown):
     """A coupling of m-dimensional states, h(0) = 0.
 
-    ``components`` is one expression in y, applied to each of the m components (``by_component``), or m
-    expressions in y1..ym.  For m = 1 both are the same and ``by_component`` is true.
+    ``components`` is one expression in y, applied to each of the m components (``by_component``), or one expression in
+    y1..ym for each input: m of them, but for agents with dynamics.  For m = 1 both are the same and ``by_component`` is
+    true.
     Raises: ShapeError if the components do not fit, ExpressionError if h is not shown to vanish at 0 or
     has no bounded slope around it; ``key`` names the coupling in the message.
     """
@@ -50,7 +51,8 @@ class Coupling(Shown):
     def __post_init__(self, key: str) -> None:
         count = 1 if self.by_component else self.dimension
         dimensions = [expression.dimension for expression in self.components]
-        if dimensions != [count] * count or (self.dimension == 1 and not self.by_component):
+        alike = dimensions == [count] * (1 if self.by_component else len(dimensions)) and dimensions
+        if not alike or (self.dimension == 1 and not self.by_component):
             what = (
                 f"must be one expression in y, or {self.dimension} in"
                 f" {tree.names_in_words(self.dimension)}; got expressions in {dimensions} variables."
@@ -61,6 +63,11 @@ class Coupling(Shown):
             with kept(errors):
                 _check_at_zero(expression, key=key if self.by_component else f"{key}[{position}]")
         raise_all(errors)
+
+    @property
+    def outputs(self) -> int:
+        """How many components h(y) has."""
+        return self.dimension if self.by_component else len(self.components)
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -87,7 +94,7 @@ class Coupling(Shown):
         return tuple(name for name in NONSMOOTH if name in found)
 
     def _card(self) -> Card:
-        names = ["h"] if self.by_component else [f"h_{{{k + 1}}}" for k in range(self.dimension)]
+        names = ["h"] if self.by_component else [f"h_{{{k + 1}}}" for k in range(self.outputs)]
         shown = [("coupling", Formula(f"{h}(y) = {text}")) for h, text in zip(names, self.latex, strict=True)]
         every = f"applied to each of {self.dimension} components" if self.by_component and self.dimension > 1 else ""
         return Card(title="Coupling", text=every, facts=shown)
@@ -130,30 +137,35 @@ class Coupling(Shown):
         return self.numpy_function()(y)
 
 
-def make_coupling(h: Any, *, dimension: int, key: str = "coupling.h") -> Coupling:
-    """Read a coupling: one text in y, applied by component, or m texts in y1..ym; if these are one function, each of
-    its own component, they are the same as the one text.  A SymPy expression stands for its text."""
-    h = _text(h)
+def make_coupling(h: Any, *, dimension: int, outputs: int | None = None, key: str = "coupling.h") -> Coupling:
+    """Read a coupling: one text in y, applied by component, or a text in y1..ym for each of ``outputs`` (m of them); if
+    these are one function, each of its own component, they are the same as the one text; one text alone may stand
+    without a list.  A SymPy expression stands for its text."""
+    h, count = _text(h), dimension if outputs is None else outputs
+    h = [h] if count == 1 < dimension and not is_list(h) else h
     if isinstance(h, str) and not isinstance(h, NumberText):
         _refuse_numbered_names(h, dimension=dimension, key=key)
         return Coupling(components=(parse_expression(h, key=key),), by_component=True, dimension=dimension, key=key)
     if not is_list(h):
         what = f"must be an expression in y, in quotes, or a list of them; got {shown(h)}."
         raise wrong(key, what, 'Write for example "tanh(y)".', kind=ExpressionError)
-    if len(h) != dimension:
-        what = f"must have {counted(dimension, 'expression')}, one per state component; got {len(h)}."
-        raise wrong(key, what, "Or give one expression in y, which is applied to each component.", kind=ShapeError)
+    if len(h) != count:
+        each = "state component" if count == dimension else "input"
+        what = f"must have {counted(count, 'expression')}, one per {each}; got {len(h)}."
+        more = f"Give a list in {tree.names_in_words(dimension)}."
+        cure = "Or give one expression in y, which is applied to each component." if count == dimension else more
+        raise wrong(key, what, cure, kind=ShapeError)
     read: list[Expression] = []
     errors: list[SpecError] = []
     for position, text in enumerate(h):
         with kept(errors):
             read.append(parse_expression(_text(text), dimension=dimension, key=f"{key}[{position}]"))
     raise_all(errors)
-    own = all(set(language.variables_used(each.node)) <= {c} for c, each in enumerate(read))
+    own = count == dimension and all(set(language.variables_used(x.node)) <= {c} for c, x in enumerate(read))
     functions = {re.sub(r"\by[0-9]+\b", "y", str(each)) for each in read}
-    if own and len(functions) == 1:  # one function of its own component each
-        read = [parse_expression(functions.pop(), key=key)]
-    return Coupling(components=tuple(read), by_component=len(read) == 1, dimension=dimension, key=key)
+    alike = own and len(functions) == 1  # one function of its own component each
+    read = [parse_expression(functions.pop(), key=key)] if alike else read
+    return Coupling(components=tuple(read), by_component=alike, dimension=dimension, key=key)
 
 
 def _text(h: Any) -> Any:

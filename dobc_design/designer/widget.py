@@ -83,6 +83,7 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
         self, problem: Problem | str | PathLike[str], *, rate: float = 0.05, radius: float | None = None
     ) -> None:
         base = problem if isinstance(problem, Problem) else load_problem(problem)
+        base.require_integrators("the Designer")
         _require_drawable(base)
         self._base = base
         self._working = threading.Lock()

@@ -115,5 +115,8 @@ def rows_of(shape: tuple[int, int]) -> str:
 
 
 def is_scalar_matrix(matrix: Sequence[Sequence[Fraction]]) -> bool:
-    """Tell whether a square matrix is a multiple of the identity."""
-    return all(entry == (matrix[0][0] if i == j else 0) for i, row in enumerate(matrix) for j, entry in enumerate(row))
+    """Tell whether a matrix is a multiple of the identity; one that is not square never is."""
+    square = all(len(row) == len(matrix) for row in matrix)
+    return square and all(
+        entry == (matrix[0][0] if i == j else 0) for i, row in enumerate(matrix) for j, entry in enumerate(row)
+    )

@@ -18,6 +18,7 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.export.c_text import template
 from dobc_design.problem import arrays
 from dobc_design.problem.canonical import problem_sha256
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -61,6 +62,7 @@ def to_c(
     from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
+    problem.require_integrators("C code")
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
         message = "certificate must be one of this problem; it is about another one."
@@ -87,6 +89,7 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
+    problem.require_integrators("an FMU")
     label = None if agent is None else str(agent)
     if agent is None:
         pinned = problem.pinning.agents
@@ -111,6 +114,7 @@ def to_sdpa(problem: Source) -> str:
 
     problem = _loaded(problem)
     problem.require_one_exosystem()
+    problem.require_integrators("the matrix inequality in SDPA's format")
     found = decide(problem, lambda stage: None)
     wanted = ("theorem1", "theorem2") if problem.exosystem is not None else ("lemma1",)
     verdicts = [check.verdict for check in found.checks if check.id in wanted]
@@ -125,7 +129,9 @@ def to_mat(problem: Source, path: str | PathLike[str]) -> Path:
     """
     from dobc_design.export.matrices import mat_bytes
 
-    write_atomically(Path(path), mat_bytes(_loaded(problem)))
+    problem = _loaded(problem)
+    problem.require_integrators("a MATLAB file")
+    write_atomically(Path(path), mat_bytes(problem))
     return Path(path)
 
 
@@ -188,8 +194,10 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
 
     if isinstance(source, Certificate):
         claims = source.claims
+        source.problem.require_integrators("the list of matrices")
         return exact_matrices(source.problem, W=claims.W, P=claims.P, Q=claims.Q), source.problem
     problem = _loaded(source)
+    problem.require_integrators("the list of matrices")
     own = problem.joint_observer
     return exact_matrices(problem, W=own.W, P=own.P), problem
 
@@ -255,7 +263,7 @@ def python_script(problem: Source) -> str:
     their shortest exact form, couplings the text of the problem, which is Python once its functions are named; text of
     users appears in strings only.  Raises: SpecError for more than 20 000 arcs."""
     problem = _loaded(problem)
-    gain = observer_gain(problem)
+    gain, plant, own = observer_gain(problem), arrays.plant_arrays(problem), problem.dynamics
     arcs = sum(len(each) for each in problem.network.modes.values())
     if arcs > MOST_ARCS:
         message = f"a Python file holds at most {MOST_ARCS} arcs; the problem has {arcs}."
@@ -266,6 +274,10 @@ def python_script(problem: Source) -> str:
     renamed = [row for row in FUNCTIONS.values() if row.numpy and row.name not in ("min", "max")]
     imports = [f"from numpy import {', '.join(plain)}", *(f"from numpy import {r.numpy} as {r.name}" for r in renamed)]
     A, C = arrays.exosystem_arrays(problem)
+    W = arrays.required_gain(as_integrators(problem), gain)
+    named = {"A": A, "C": C, "W": W, "GOALS": arrays.goals(problem)}
+    if plant is not None:
+        named |= {"C": plant.C, "B": plant.B, "U0": plant.u0, "AX": plant.A}
     K, groups = arrays.pinning_matrix(problem).tocoo(), partial(arrays.arc_groups, problem)
     return template("loop.py.j2").render(
         title=_inside_docstring(problem.name),
@@ -276,7 +288,10 @@ def python_script(problem: Source) -> str:
         m=problem.m,
         q=problem.q,
         labels=list(problem.network.labels),
-        named={"A": A, "C": C, "W": arrays.required_gain(problem, gain), "GOALS": arrays.goals(problem)},
+        p=problem.inputs,
+        plant=plant,
+        nodes=() if own is None else own.f or (),
+        named=named,
         gains=zip(K.row.tolist(), K.col.tolist(), K.data.tolist(), strict=True),
         arcs={
             repr(mode): [(problem.couplings.index(group.coupling), group) for group in groups(mode)]

@@ -78,6 +78,7 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
     decay rate.  The same certificate gives the same text. Raises: SpecError if that is not proved in the certificate,
     if a slope h'(0) is irrational, if the problem is too large for Coq, or if the numbers in the certificate do not
     prove what it claims. Source: theory, sections 2 and 3.  Tested with Coq 8.16."""
+    certificate.problem.require_integrators("a proof for Rocq")
     problem, claims = certificate.problem, certificate.claims
     if claims.problem_sha256 != problem_sha256(problem):
         message = "the certificate is about another problem: its hash differs."

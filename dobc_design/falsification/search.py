@@ -29,6 +29,7 @@ from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Certified, 
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.model.model import Flow, build_flow, build_model
 from dobc_design.problem.arrays import Array, Gain, chosen_gain, no_gain, pinning_matrix, unreached
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive, seconds, whole
@@ -79,7 +80,7 @@ def falsify(
     Returns: a Falsification with suspects, which prove nothing, and equilibria, each proved in a box by interval
     arithmetic.  Raises: SpecError for a wrong argument.
     """
-    problem = load_problem(problem)
+    problem = as_integrators(load_problem(problem))
     gain = observer_gain(problem)
     if isinstance(certified, Certificate):
         gain, certified = certified.claims.W, sets.regional_check(certified)
@@ -372,7 +373,7 @@ SAME = 1e-6  # relative distance of roots that are one
 
 def equilibrium_check(problem: Problem) -> Check | None:
     """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
-    if problem.region is None or problem.n * problem.m > LARGEST:
+    if problem.region is None or problem.n * problem.m > LARGEST or problem.node is not None:
         return None
     best = None
     with surviving("the search for equilibria failed"), np.errstate(all="ignore"):

@@ -19,8 +19,10 @@ from dobc_design._show.cards import Card, Headed
 from dobc_design.coupling.expression import Expression
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
 from dobc_design.coupling.tree import Operators, evaluate, variable_names
+from dobc_design.exact.matrix import to_float
 from dobc_design.exact.number import nearest
 from dobc_design.problem import arrays
+from dobc_design.problem.integrators import as_integrators, slopes_of_nodes
 from dobc_design.problem.problem import Problem
 
 
@@ -70,7 +72,9 @@ class Model(Headed):
 
     W (q, m) is the observer gain in use; n, m, q count agents, components and exosystem states.  Where agents have
     different exosystems, W is block diagonal and q counts the states of all groups (``problem.arrays.Disturbance``):
-    those of other groups than an agent's own have to start at 0, and stay there.
+    those of other groups than an agent's own have to start at 0, and stay there.  With [dynamics] x' = A x +
+    B (h + u + d): h, u, which holds u0, and dhat have p components for each agent.  Of the integrators that stand for
+    these h also holds what f has beside its slopes.
 
     - h: e -> h, the couplings of (9), without the pins.
     - jacobian: e -> dh_de, exact and sparse (11); at a kink one of the slopes.
@@ -117,16 +121,18 @@ def build_model(problem: Problem, mode: str | None = None, *, gain: arrays.Gain 
     Raises: SpecError for an unknown mode, or if there is an exosystem and no W; ShapeError for a wrong gain.
     """
     name = arrays.chosen_mode(problem, mode)
-    W = arrays.required_gain(problem, gain)
+    integrators = as_integrators(problem)
+    W = arrays.required_gain(integrators, gain)
     h, jacobian = _couplings(problem, name)
-    found = _loop(problem, h, arrays.disturbance_arrays(problem, gain)) | {"W": W, "h": h, "jacobian": jacobian}
+    found = _loop(problem, h, arrays.disturbance_arrays(integrators, gain)) | {"W": W, "h": h, "jacobian": jacobian}
     return Model(problem=problem, mode=name, n=problem.n, m=problem.m, q=problem.q, **found)
 
 
 def _loop(problem: Problem, h: Any, disturbance: arrays.Disturbance) -> dict[str, Any]:
-    n, widths = problem.n, {"m": problem.m, "q": problem.q}
-    A, C, F = (ca.DM(each) for each in (disturbance.A, disturbance.C, disturbance.F))
+    n, widths, plant = problem.n, {"m": problem.m, "p": problem.inputs, "q": problem.q}, arrays.plant_arrays(problem)
+    A, C, F = (ca.DM(each) for each in (disturbance.A, disturbance.C if plant is None else plant.C, disturbance.F))
     K, goal = _constant(arrays.pinning_matrix(problem)), ca.DM(arrays.goals(problem).reshape(-1))
+    u0 = ca.DM(0 if plant is None else plant.u0.reshape(-1))
 
     def per_agent(factor: Any, stacked: Any) -> Any:
         """(I_n (x) factor) stacked."""
@@ -137,19 +143,25 @@ def _loop(problem: Problem, h: Any, disturbance: arrays.Disturbance) -> dict[str
         W = disturbance.W
         return per_agent(ca.DM(W), y) if W.ndim == 2 else _constant(sp.block_diag([*map(sp.csr_array, W)])) @ y
 
+    def moved(e: Any, v: Any) -> Any:
+        """A x + B v of every agent, or f(x) + B v, for v less the u0 with A goal + B u0 = 0."""
+        if plant is None:
+            return v
+        return per_agent(_constant(plant.A), e) + _bent(problem, e) + per_agent(_constant(plant.B), v)
+
     def observe(z: Any, x: Any, u: Any) -> tuple[Any, Any, Any]:
         """z_dot, xihat and dhat of (13)."""
         xihat = z + correction(x)
-        return per_agent(F, xihat) - correction(h(x - goal) + u), xihat, per_agent(C, xihat)
+        return per_agent(F, xihat) - correction(moved(x - goal, h(x - goal) + u - u0)), xihat, per_agent(C, xihat)
 
     def control(x: Any, dhat: Any) -> Any:
-        return -K @ (x - goal) - dhat
+        return -K @ (x - goal) - dhat + u0
 
-    kinds = {"z": "q", "x": "m", "u": "m", "xi": "q", "dhat": "m", "e": "m", "eps": "q"}
+    kinds = {"z": "q", "x": "m", "u": "p", "xi": "q", "dhat": "p", "e": "m", "eps": "q"}
     z, x, u, xi, dhat, e, eps = (ca.SX.sym(name, n * widths[kind]) for name, kind in kinds.items())
     applied = control(x, per_agent(C, z + correction(x)))
-    x_dot = h(x - goal) + applied + per_agent(C, xi)
-    e_dot = h(e) - K @ e + per_agent(C, eps)
+    x_dot = moved(x - goal, h(x - goal) + applied - u0 + per_agent(C, xi))
+    e_dot = moved(e, h(e) - K @ e + per_agent(C, eps))
     z_dot, xihat, estimate = observe(z, x, u)
     closed = {"x_dot": x_dot, "xi_dot": per_agent(A, xi), "z_dot": observe(z, x, applied)[0]}
     rows = {
@@ -163,14 +175,17 @@ def _loop(problem: Problem, h: Any, disturbance: arrays.Disturbance) -> dict[str
 
 def _couplings(problem: Problem, mode: str) -> tuple[Any, Any]:
     """h and dh/de of (9) as functions of e; arcs of one coupling are one vector operation."""
-    n, m = problem.n, problem.m
+    n, m, p = problem.n, problem.m, problem.inputs
     e = ca.SX.sym("e", n * m)
-    h, jacobian = ca.SX(n * m, 1), ca.SX(n * m, n * m)
+    h, jacobian = ca.SX(n * p, 1), ca.SX(n * p, n * m)
+    if problem.node is not None:
+        h += _bent(problem, e)
+        jacobian += ca.jacobian(h, e)
     for group in arrays.arc_groups(problem, mode):
         differences = [_constant(sp.kron(arrays.difference_matrix(group, n), np.eye(m)[[c]])) for c in range(m)]
-        gather = [_constant(sp.kron(arrays.gathering_matrix(group, n), np.eye(m)[:, [c]])) for c in range(m)]
+        gather = [_constant(sp.kron(arrays.gathering_matrix(group, n), np.eye(p)[:, [c]])) for c in range(p)]
         values, slopes = _on_arcs(group, [difference @ e for difference in differences])
-        for c in range(m):
+        for c in range(p):
             h += gather[c] @ values[c]
             for d in range(m):
                 if slopes[c][d] is not None:
@@ -178,21 +193,33 @@ def _couplings(problem: Problem, mode: str) -> tuple[Any, Any]:
     return _function("h", {"e": e}, {"h": h}), ca.Function("jacobian", [e], [jacobian], ["e"], ["dh_de"])
 
 
+def _bent(problem: Problem, e: Any) -> Any:
+    """f(goal + e) - f(goal) less its slopes at e = 0, of every agent whose [dynamics] are nonlinear; else 0."""
+    own = as_integrators(problem) if problem.origin is None else problem
+    result = ca.SX(problem.n * problem.m, 1)
+    if own.node is not None:
+        parts = [e[c :: problem.m] for c in range(problem.m)]
+        values = own.couplings[own.node].evaluated(parts, CasadiAlgebra())
+        for c, row in enumerate(to_float(slopes_of_nodes(own))):
+            result[c :: problem.m] = values[c] - sum(slope * part for slope, part in zip(row, parts, strict=True))
+    return result
+
+
 def _on_arcs(group: arrays.ArcGroup, y: Sequence[Any]) -> tuple[list[Any], list[list[Any | None]]]:
     """Components of h, and slopes[c][d] = dh_c/dy_d (None where it is 0), on every arc; y[c] has one row per arc."""
-    count, m = len(group.weights), len(y)
+    count, m, p = len(group.weights), len(y), group.coupling.outputs
     variables = [ca.SX.sym(f"y{c + 1}", count) for c in range(m)]
     found = group.coupling.evaluated(variables, CasadiAlgebra())
     values = [ca.SX.zeros(count, 1) + value for value in found]  # a component may be a constant 0
     ones = ca.DM.ones(count, 1)
-    pairs = [(c, d) for c in range(m) for d in range(m) if c == d or not group.coupling.by_component]
+    pairs = [(c, d) for c in range(p) for d in range(m) if c == d or not group.coupling.by_component]
     # Each arc's value depends on that arc's y alone, so J times a vector of ones is the diagonal of J.
     slopes = [ca.jtimes(values[c], variables[d], ones) for c, d in pairs]
     arcs = ca.Function("arcs", variables, [*values, *slopes])(*y)
-    table: list[list[Any | None]] = [[None] * m for _ in range(m)]
-    for (c, d), slope in zip(pairs, arcs[m:], strict=True):
+    table: list[list[Any | None]] = [[None] * m for _ in range(p)]
+    for (c, d), slope in zip(pairs, arcs[p:], strict=True):
         table[c][d] = slope
-    return list(arcs[:m]), table
+    return list(arcs[:p]), table
 
 
 def _constant(matrix: sp.sparray) -> Any:

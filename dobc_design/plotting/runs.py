@@ -54,7 +54,8 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
             plot_estimates(rows.pop(0), run)
         errors = {"|e|∞": _largest(run.x - run.goal)}
         if has_estimate:
-            errors["|d − d̂|∞, per s"] = _largest(run.d - run.dhat)
+            unit = "per s" if run.d.shape == run.x.shape else "unit of d"
+            errors[f"|d − d̂|∞, {unit}"] = _largest(run.d - run.dhat)
         plot_errors(rows[0], run.times, errors, envelope=points)
         if run.diverged:
             rows[0].set_title(f"ended early, at t = {run.times[-1]:.4g} s")
@@ -77,7 +78,7 @@ def ensemble_sheet(runs: Runs, *, envelope: Envelope | None = None) -> Sheet:
         plot_bands(rows[components], runs, envelope)
         if has_estimate:
             rows[components].set_xlabel("")
-            plot_quantiles(rows[-1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of x per s")
+            plot_quantiles(rows[-1], runs.times, runs.estimation_error, colour=PURPLE, what="|d − d̂|∞, unit of d")
         in_time(rows[-1], runs.times)
 
     return Sheet(draw, width=WIDTH, height=0.7 + 2.2 * count)
@@ -155,7 +156,8 @@ def plot_estimates(ax: Axes, run: Run) -> Axes:
         ax.plot(times, values, color=SERIES[rank], linewidth=3.2 - rank, marker=_marker(rows), label=label)
     for agent in chosen:  # on top of all estimates
         ax.plot(times, run.d[rows, agent, 0], color=INK, linestyle=DOTTED, linewidth=1.3, label="d")
-    ax.set_ylabel("d and estimate d̂\nin units of x per s")
+    unit = "units of x per s" if run.d.shape == run.x.shape else "their own units"
+    ax.set_ylabel(f"d and estimate d̂\nin {unit}")
     return look.legend_above(ax, right=True, widest=4)
 
 

@@ -188,6 +188,7 @@ MOST_FINE_TICKS = 200  # end over begin of an axis up to which 1, 2 and 5 of eve
 UNITS = {
     "unit of x": "in the unit of x",
     "unit of x per s": "in units of x per s",
+    "unit of u": "in units of u",
     "agents": "count",
     "probability": "probability",
 }

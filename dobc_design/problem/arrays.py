@@ -36,6 +36,7 @@ def require_floats(problem: Problem) -> Problem:
         "coupling": [node.own for node in nodes if node.kind == "constant"],
         "exosystem": [(each.exosystem.A, each.exosystem.C) for each in problem.groups],
         "observer.W": [each.observer.W or () for each in problem.groups],
+        "dynamics": () if problem.dynamics is None else (problem.dynamics.A or (), problem.dynamics.B),
         "region": () if region is None else (region.initial_states, region.initial_disturbance or 0),
         "simulation": (start.x0 or (), start.xi0 or ()),
     }
@@ -153,6 +154,34 @@ class Disturbance:
     F: Array
     W: Array
     own: NDArray[np.bool_] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Plant:
+    """What agents with [dynamics] are, as floats: A (m, m), or the slopes of f at the target, B (m, p), C (p, q), gains
+    K (n p, n m), u0 (n, p)."""
+
+    A: Array
+    B: Array
+    C: Array
+    K: sp.csr_array
+    u0: Array
+
+
+def plant_arrays(problem: Problem) -> Plant | None:
+    """The plant of a problem with [dynamics], else None."""
+    own = problem.dynamics
+    if own is None:
+        return None
+    goals, C = list(map(problem.goal_of, range(problem.n))), [to_float(group.exosystem.C) for group in problem.groups]
+    u0 = {goal: own.feedforward(goal) or () for goal in goals}
+    return Plant(
+        A=to_float(own.about(problem.target)[0]),
+        B=to_float(own.B),
+        C=np.hstack([np.zeros((own.inputs, 0)), *C]),
+        K=pinning_matrix(problem),
+        u0=to_float(tuple(u0[goal] for goal in goals)),
+    )
 
 
 WIDEST_SLOPE = Fraction(1, 10**6)
@@ -277,11 +306,10 @@ def gathering_matrix(group: ArcGroup, size: int) -> sp.csr_array:
 
 
 def pinning_matrix(problem: Problem) -> sp.csr_array:
-    """Return the block diagonal K (n m, n m); K (x) I_m of (9) where the gains are numbers."""
-    m = problem.m
+    """Return the block diagonal K (n m, n m), with [dynamics] (n p, n m); K (x) I_m of (9) where gains are numbers."""
     gains = problem.pinning.gains
     agents = np.fromiter(gains, dtype=np.int64, count=len(gains))
-    blocks = np.array([to_float(k) for k in gains.values()]).reshape(-1, m, m)
+    blocks = np.array([to_float(k) for k in gains.values()]).reshape(-1, problem.inputs, problem.m)
     return block_sparse(blocks, agents, agents, size=problem.n)
 
 
@@ -307,10 +335,10 @@ def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
 
 
 def block_sparse(blocks: Array, rows: IndexArray, columns: IndexArray, *, size: int) -> sp.csr_array:
-    """Add up blocks (count, m, m) at block places of a sparse matrix (size m, size m); zeros are left out."""
-    within = np.arange(blocks.shape[1])
-    i = np.broadcast_to(rows[:, None, None] * len(within) + within[:, None], blocks.shape)
-    j = np.broadcast_to(columns[:, None, None] * len(within) + within, blocks.shape)
-    result = sp.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(size * len(within),) * 2)
+    """Add up blocks (count, p, m) at block places of a sparse matrix (size p, size m); zeros are left out."""
+    _, p, m = blocks.shape
+    i = np.broadcast_to(rows[:, None, None] * p + np.arange(p)[:, None], blocks.shape)
+    j = np.broadcast_to(columns[:, None, None] * m + np.arange(m), blocks.shape)
+    result = sp.csr_array((blocks.ravel(), (i.ravel(), j.ravel())), shape=(size * p, size * m))
     result.eliminate_zeros()
     return result

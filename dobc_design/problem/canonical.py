@@ -26,18 +26,19 @@ from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
 
 FORMAT = "dobc-problem"
-VERSION = 1
+VERSION, VERSION_DYNAMICS = 1, 2  # other problems keep their version, and their hash
 _CURE = "Write it again with `dobc check FILE --canonical OUT`."
 _KEYS = ("format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains")
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
-_LATER_TABLES = ("uncertainty", "actuators")
+_LATER_TABLES = ("uncertainty", "actuators", "dynamics")
 _SWITCHING = ("signal", "dwell")
 _LATER_SWITCHING = tuple(each.name for each in fields(Switching) if each.name not in _SWITCHING)
 
 
 def canonical_bytes(problem: Problem) -> bytes:
-    """The UTF-8 bytes of problem.json."""
-    text = json.dumps(canonical_document(problem), sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    """The UTF-8 bytes of problem.json; of integrators that stand for agents with [dynamics] those of these."""
+    document = canonical_document(problem.origin or problem)
+    text = json.dumps(document, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
     return text.encode("utf-8") + b"\n"
 
 
@@ -62,7 +63,7 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
     exceptions = sorted(problem.exceptions.items())
     return {
         "format": FORMAT,
-        "version": VERSION,
+        "version": VERSION if problem.dynamics is None else VERSION_DYNAMICS,
         "name": problem.name,
         "notes": list(problem.notes),
         "labels": list(problem.network.labels),
@@ -103,7 +104,7 @@ def settings_of(problem: Problem) -> dict[str, Any]:
         "region": problem.region and _own(problem.region),
         "switching": problem.switching and _own(problem.switching, later=_LATER_SWITCHING),
         "simulation": _own(problem.simulation, later=("x0",)),
-        **{name: _own(noun) for name in _LATER_TABLES if (noun := getattr(problem, name)) is not None},
+        **{name: _own(noun, later="Af") for name in _LATER_TABLES if (noun := getattr(problem, name)) is not None},
     }
 
 
@@ -144,8 +145,9 @@ def _load(data: bytes) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
     version = document.get("version")
-    if version != VERSION or type(version) is not int:  # true and 1.0 equal 1
-        what = f"problem.json has version {shown(version)}; this program knows {VERSION}."
+    known = VERSION_DYNAMICS if "dynamics" in document else VERSION
+    if version != known or type(version) is not int:  # true and 1.0 equal 1
+        what = f"problem.json has version {shown(version)}; this program knows {VERSION} and {VERSION_DYNAMICS}."
         raise SpecError(what, key="version", cure="Update dobc_design, or write the file again.")
     return document
 
@@ -191,6 +193,9 @@ class _Reader:
             simulation=simulation,
             uncertainty=document.get("uncertainty"),
             actuators=document.get("actuators"),
+            dynamics=_object(document["dynamics"], ("B",), ("A", "f"), key="dynamics")
+            if "dynamics" in document
+            else None,
         )
 
     def groups(self, exosystem: Any) -> list[Group]:

@@ -62,13 +62,15 @@ def _check_symmetric(P: Matrix) -> None:
                 raise wrong("observer.P", what, "Replace it by (P + P')/2.", kind=ShapeError)
 
 
-def check_observer(observer: Observer, *, q: int, m: int) -> None:
-    """Check the shapes of W and P against the exosystem.  Raises ShapeError."""
+def check_observer(observer: Observer, *, q: int, m: int, states: int | None = None) -> None:
+    """Check the shapes of W and P against the exosystem with m outputs; W may also act on all ``states``.  Raises
+    ShapeError."""
     for name, matrix, shape, because in (
         ("W", observer.W, (q, m), "one row per exosystem state, one column per state component"),
         ("P", observer.P, (q, q), "one row and column per exosystem state"),
     ):
-        if matrix is not None and (len(matrix), len(matrix[0])) != shape:
+        known = (shape, (q, states)) if name == "W" else (shape,)
+        if matrix is not None and (len(matrix), len(matrix[0])) not in known:
             what = f"must have shape {shape}, {because}; got shape ({len(matrix)}, {len(matrix[0])})."
             raise wrong(f"observer.{name}", what, f"Give {rows_of(shape)}.", kind=ShapeError)
 
@@ -119,13 +121,18 @@ def read_groups(
     observer: Observer | None,
     labels: tuple[str, ...],
     m: int,
+    states: int | None = None,
 ) -> tuple[Group, ...]:
     """Divide all agents into groups: those given, and the others, who have ``exosystem`` and ``observer``.  Returns:
-    the groups ordered by their first agent, agents in the order of the labels; none without a disturbance. Raises:
-    SpecError or ShapeError naming the key."""
+    the groups ordered by their first agent, agents in the order of the labels; none without a disturbance.  ``m``: how
+    many components a disturbance has; ``states``: how many an agent has, where these are others.  Raises: SpecError or
+    ShapeError naming the key."""
     common = Observer() if observer is None else observer
+    if exosystem is not None and states is not None and exosystem.outputs != m:
+        what = f"must have {counted(m, 'row')}, one per input of [dynamics]; got {exosystem.outputs}."
+        raise wrong("exosystem.C", what, f"Give {counted(m, 'row')}: d = C xi acts through B.", kind=ShapeError)
     if not groups and exosystem is not None:
-        check_observer(common, q=exosystem.order, m=exosystem.outputs)
+        check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
         return (Group(agents=labels, exosystem=exosystem, observer=common),)
     if not groups and observer is not None:
         what = "[observer] has no meaning without an [exosystem]: there is no disturbance to estimate."
@@ -136,9 +143,9 @@ def read_groups(
     owner = _owners(groups, labels, errors)
     for number, group in enumerate(groups):
         with kept(errors):
-            _check_group(group, number, m=m, rate=common.rate)
+            _check_group(group, number, m=m, states=states, rate=common.rate)
     if not errors:
-        _check_rest([label for label in labels if label not in owner], exosystem, common)
+        _check_rest([label for label in labels if label not in owner], exosystem, common, states)
     raise_all(errors)
     places: dict[int, list[str]] = {}
     for label in labels:
@@ -183,7 +190,7 @@ def _owners(groups: Sequence[Group], labels: tuple[str, ...], errors: list[SpecE
     return owner
 
 
-def _check_group(group: Group, number: int, *, m: int, rate: Fraction | None) -> None:
+def _check_group(group: Group, number: int, *, m: int, states: int | None, rate: Fraction | None) -> None:
     key, outputs, rows = group_key(number), group.exosystem.outputs, counted(m, "row")
     if outputs != m:
         what = f"must have {rows}, one per state component, as every C has; got {outputs}."
@@ -193,13 +200,13 @@ def _check_group(group: Group, number: int, *, m: int, rate: Fraction | None) ->
         what = "a group has no rate of its own; the rate asked of a designed W is observer.rate, for all."
         errors.append(about(key, what, "Give the rate in [observer], or W in the group."))
     try:
-        check_observer(group.observer, q=group.exosystem.order, m=m)
+        check_observer(group.observer, q=group.exosystem.order, m=m, states=states)
     except SpecError as error:
         errors.append(renamed(error, key))
     raise_all(errors)
 
 
-def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observer) -> None:
+def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observer, states: int | None) -> None:
     """Those in no group have [exosystem]'s own A and C; where there is nobody, nothing may be said of them."""
     nobody = "apply to no agent, because every agent is in a group of exosystem.groups."
     if rest and exosystem is None:
@@ -209,7 +216,7 @@ def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observ
     if exosystem is not None and not rest:
         raise wrong("exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem].")
     if exosystem is not None:
-        check_observer(common, q=exosystem.order, m=exosystem.outputs)
+        check_observer(common, q=exosystem.order, m=exosystem.outputs, states=states)
     elif common.W is not None or common.P is not None:
         raise wrong("observer.W", f"and observer.P {nobody}", "Give W and P in the groups.")
 

@@ -28,6 +28,7 @@ from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.reading import MOST_ERRORS, NumberText, is_list, is_text, named, shown
 from dobc_design.problem import arcs_file, exosystems
 from dobc_design.problem.canonical import problem_from_canonical
+from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
 from dobc_design.problem.network import Arcs, Network, arcs_from_pairs, check_arrow, directed, labels_of
@@ -351,8 +352,13 @@ def _given(table: BaseModel | None) -> dict[str, Any] | None:
 def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Problem:
     errors: list[SpecError] = []
 
+    table = _given(tables.dynamics)
+    dynamics = None if table is None else _tried(lambda: Dynamics(**table), errors)
+    if table is not None and dynamics is None:
+        raise SpecError.several(errors)
+
     def dimension(exosystem: Exosystem | None) -> int:
-        return dimension_of(exosystem, tables.target, tables.coupling.h)
+        return dimension_of(exosystem, tables.target, tables.coupling.h) if dynamics is None else dynamics.inputs
 
     network = _tried(lambda: _network(tables, folder=folder), errors)
     given = _tried(lambda: read_exosystem(tables, dimension_of=dimension), errors)
@@ -366,7 +372,8 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
     m = _tried(lambda: dimension(first), errors)
     if network is None or m is None:
         raise SpecError.several(errors)
-    exceptions = _tried(lambda: _exceptions(tables, network, dimension=m), errors)
+    sizes = (m, m) if dynamics is None else (dynamics.dimension, dynamics.inputs)
+    exceptions = _tried(lambda: _exceptions(tables, network, sizes=sizes), errors)
     problem = _tried(
         lambda: Problem(
             name=default_name if tables.name is None else tables.name,
@@ -385,6 +392,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
             simulation=_given(tables.simulation),
             uncertainty=_given(tables.uncertainty),
             actuators=_given(tables.actuators),
+            dynamics=dynamics,
         ),
         errors,
     )
@@ -454,7 +462,7 @@ def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder:
     return arcs_file.read_arcs_file(value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file")
 
 
-def _exceptions(tables: ProblemFile, network: Network, *, dimension: int) -> dict[tuple[int, int], Coupling]:
+def _exceptions(tables: ProblemFile, network: Network, *, sizes: tuple[int, int]) -> dict[tuple[int, int], Coupling]:
     given = tables.coupling.exceptions
     codes, index = (network.arc_codes(), network.index) if given else (set(), {})
     result: dict[tuple[int, int], Coupling] = {}
@@ -476,7 +484,7 @@ def _exceptions(tables: ProblemFile, network: Network, *, dimension: int) -> dic
                     raise about(f"{key}.arcs[{place}]", what, "Keep one of them.")
                 seen.add((listener, speaker))
         with kept(errors):
-            coupling = make_coupling(table.h, dimension=dimension, key=f"{key}.h")
+            coupling = make_coupling(table.h, dimension=sizes[0], outputs=sizes[1], key=f"{key}.h")
             result |= dict.fromkeys(pairs, coupling)
         if len(errors) >= MOST_ERRORS:
             break

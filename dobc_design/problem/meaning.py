@@ -26,6 +26,7 @@ from dobc_design.exact.observability import observable_reduction
 from dobc_design.problem.arrays import Array, consensus_jacobian, pinning_matrix, require_floats, unreached
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -131,7 +132,7 @@ Scale = tuple[float, str]  # in s, and of what
 
 def _time_scales(problem: Problem) -> tuple[list[Scale], list[Scale]]:
     """1/|s| of the fastest eigenvalue and -1/Re(s) of the slowest of each part of the linearised loop."""
-    spectra = list[tuple[str, NDArray[Any]]]()
+    spectra, problem = list[tuple[str, NDArray[Any]]](), as_integrators(problem)
     if problem.n * problem.m <= LARGEST_NETWORK:
         K = pinning_matrix(problem)
         found = [consensus_jacobian(problem, mode) for mode in list(problem.network.modes)[:MOST_MODES]]
@@ -193,7 +194,8 @@ def _about_disturbance(problem: Problem, group: Group) -> Iterator[str]:
             yield f"The sines of {pair} rad/s{whose} differ only over {beat} s. Is one frequency meant, typed twice?"
     silent = [str(c + 1) for c, row in enumerate(exosystem.C) if not any(row)]
     if silent and seen:
-        yield f"No disturbance{whose} acts on state component {', '.join(silent)}: a row of exosystem.C is 0."
+        where = "state component" if problem.dynamics is None else "input"
+        yield f"No disturbance{whose} acts on {where} {', '.join(silent)}: a row of exosystem.C is 0."
 
 
 def _about_network(problem: Problem) -> Iterator[str]:
@@ -204,11 +206,12 @@ def _about_network(problem: Problem) -> Iterator[str]:
     alone = np.flatnonzero(~linked).tolist() if linked.any() else []
     if alone:
         yield f"Agents without any arc: {listed([labels[i] for i in alone])}. Is an arc missing?"
-    if not problem.pinning.agents:
+    held = as_integrators(problem)  # agents with [dynamics] are held by A, too
+    if not held.pinning.agents:
         yield "No agent is pinned; the group can drift as a whole. Give an agent a gain in [pinning]."
-    elif missing := [labels[i] for i in unreached(problem, modes.values()) if i not in alone]:
+    elif missing := [labels[i] for i in unreached(held, modes.values()) if i not in alone]:
         turned = [Arcs(arcs.speakers, arcs.listeners, arcs.weights) for arcs in modes.values()]
-        if not unreached(problem, turned):
+        if not unreached(held, turned):
             yield (
                 'Not every agent is reached from a pinned one; with the other network.arrow ("sends_to" '
                 'in place of "listens_to", or the reverse) every agent is reached.'
@@ -236,7 +239,7 @@ def _about_network(problem: Problem) -> Iterator[str]:
 
 
 def _about_couplings(problem: Problem) -> Iterator[str]:
-    for coupling in problem.couplings:
+    for coupling in problem.couplings if problem.dynamics is None else ():  # else B decides what pulls where
         h = f"h = {', '.join(coupling.texts)}"
         slopes = [row[k] for k, row in enumerate(coupling.jacobian_at_zero())]
         if any(slope.hi < 0 for slope in slopes):
@@ -248,7 +251,7 @@ def _about_couplings(problem: Problem) -> Iterator[str]:
 
 def _over_region(problem: Problem, coupling: Coupling) -> Iterator[str]:
     """Where h ends, or falls, between the starts asked for."""
-    if problem.region is None or not coupling.by_component:
+    if problem.region is None or not coupling.by_component or problem.dynamics is not None:
         return
     h = f"h = {', '.join(coupling.texts)}"
     goals = [problem.goal_of(i) for i in range(problem.n)] if problem.offsets else [problem.target]
@@ -330,7 +333,7 @@ def _about_region(problem: Problem) -> Iterator[str]:
 
 
 def _about_observers(problem: Problem) -> Iterator[str]:
-    for group in problem.groups:
+    for group in as_integrators(problem).groups:
         A, C, own = to_float(group.exosystem.A), to_float(group.exosystem.C), group.observer
         if own.W is None or group.exosystem.order > LARGEST_ORDER:
             continue

@@ -21,11 +21,12 @@ from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
 from dobc_design.exact import reading
 from dobc_design.exact.definite import decide_positive_semidefinite
-from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale, transpose
+from dobc_design.exact.matrix import Matrix, Vector, add, identity, scale, transpose, zeros
 from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import counted, is_list, is_scalar_matrix, is_text, named, shown, shown_number
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem import settings
+from dobc_design.problem.dynamics import Dynamics, check_goal
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, Observer, group_numbers, join, read_groups
 from dobc_design.problem.network import Network, one_form
@@ -40,13 +41,11 @@ LARGEST_DIMENSION = 100  # every gain is an m x m matrix
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Pinning(Shown):
-    """Gains by agent index (from 0), each an m x m matrix; zero gains are left out."""
+    """Gains by agent index (from 0), each an m x m matrix, p x m with [dynamics]; zero gains are left out."""
 
     gains: Mapping[int, Matrix]
 
     def __post_init__(self) -> None:
-        for gain in {id(k): k for k in self.gains.values()}.values():  # agents often share one matrix
-            _check_gain(gain, key="pinning.gains")
         kept = {i: k for i, k in sorted(self.gains.items()) if any(any(row) for row in k)}
         put(self, gains=MappingProxyType(kept))
 
@@ -76,25 +75,54 @@ class Pinning(Shown):
         return all(is_scalar_matrix(k) for k in self.gains.values())
 
 
-def read_pinning(gains: Any, *, labels: Sequence[str], dimension: int) -> Pinning:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Gains:
+    """What gains may be: ``unit`` is what the number 1 stands for, None where a number says nothing."""
+
+    unit: Matrix | None
+    shape: tuple[int, int]
+    pulling: bool  # k + k' >= 0 is asked
+
+    @classmethod
+    def of(cls, m: int, dynamics: Dynamics | None, coupling: Coupling | None) -> _Gains:
+        if dynamics is None or dynamics.inputs == m:
+            return cls(unit=identity(m), shape=(m, m), pulling=dynamics is None)
+        unit: Matrix | None = zeros(dynamics.inputs, m)  # where the coupling is refused, nothing is said of gains
+        if coupling is not None:
+            slopes = coupling.jacobian_at_zero() if coupling.is_linear else ()
+            unit = tuple(tuple(x.midpoint for x in row) for row in slopes) or None
+        return cls(unit=unit, shape=(dynamics.inputs, m), pulling=False)
+
+    def check(self, gain: Matrix, *, key: str) -> None:
+        if not self.pulling:
+            return
+        symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
+        if decide_positive_semidefinite(symmetric).verdict is not Verdict.PROVED:
+            what = "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the target;"
+            raise about(key, f"{what} this one does not.", "Make its symmetric part positive semidefinite.")
+
+
+def read_pinning(gains: Any, *, labels: Sequence[str], form: _Gains) -> Pinning:
     """Read label -> gain, or one number for all agents.  Raises: SpecError with every wrong gain by its key."""
     if gains is None or isinstance(gains, Pinning):
+        for gain in {id(k): k for k in gains.gains.values()}.values() if gains else ():  # agents often share one
+            form.check(gain, key="pinning.gains")
         return gains or Pinning(gains={})
     if is_list(gains):
         what = f"must be a table of label = gain, or one number for all agents; got {shown(gains)}."
         raise wrong("pinning.gains", what, "For example gains = { 1 = 5.0, 6 = 2 }.")
     if not isinstance(gains, Mapping):
-        gain = _read_gain(gains, key="pinning.gains", dimension=dimension)
+        gain = _read_gain(gains, key="pinning.gains", form=form)
         return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
     known: dict[str, Matrix] = {}
 
     def read(value: Any, key: str) -> Matrix:
         """The gain; of equal numbers the same object."""
         if isinstance(value, bool) or not isinstance(value, (str, int, Fraction)):
-            return _read_gain(value, key=key, dimension=dimension)
+            return _read_gain(value, key=key, form=form)
         token = number_key(value)
         if token not in known:
-            known[token] = _read_gain(value, key=key, dimension=dimension)
+            known[token] = _read_gain(value, key=key, form=form)
         return known[token]
 
     return Pinning(gains=_by_label(gains, read, labels=labels, key="pinning.gains"))
@@ -122,7 +150,11 @@ def _by_label(value: Any, read: Callable[[Any, str], T], *, labels: Sequence[str
     return result
 
 
-def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
+def _read_gain(value: Any, *, key: str, form: _Gains) -> Matrix:
+    p, m = form.shape
+    if not is_list(value) and form.unit is None:
+        what = f"must be a {p} x {m} matrix, because the coupling is not linear; got {shown(value)}."
+        raise wrong(key, what, "It acts on x_i - xbar: one row per input, one column per state component.")
     if not is_list(value):
         number = parse_number(value, key=key)
         if number < 0:
@@ -131,20 +163,11 @@ def _read_gain(value: Any, *, key: str, dimension: int) -> Matrix:
                 f" got {shown_number(number)}."
             )
             raise wrong(key, what, "Use a positive gain, or leave the agent out.")
-        return scale(number, identity(dimension))
-    because = "one row and column per state component"
-    gain = reading.read_matrix(value, key=key, shape=(dimension, dimension), because=because)
-    _check_gain(gain, key=key)
+        return scale(number, form.unit or ())
+    because = "one row and column per state component" if p == m else "one row per input, one column per component"
+    gain = reading.read_matrix(value, key=key, shape=form.shape, because=because)
+    form.check(gain, key=key)
     return gain
-
-
-def _check_gain(gain: Matrix, *, key: str) -> None:
-    symmetric = SparseSymmetric.from_dense(add(gain, transpose(gain)))
-    if decide_positive_semidefinite(symmetric).verdict is not Verdict.PROVED:
-        what = (
-            "a matrix gain k must satisfy k + k' >= 0, so that it never pushes away from the target; this one does not."
-        )
-        raise about(key, what, "Make its symmetric part positive semidefinite.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -164,10 +187,12 @@ class Problem(Shown):
         offsets: {label: offset}, the formation: agent i goes to xbar + offset_i.
         region: {"initial_states": ..., "initial_disturbance": ...} or a Region.
         switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0, x0.
+        dynamics: Dynamics, of agents that are no integrators; couplings, gains (p x m) and C then have p components.
         uncertainty, actuators: an Uncertainty and Actuators, or mappings: what the plant may add, what it can give.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
     Further attributes: couplings, the default one and those of the exceptions, each once; exception_places, the place
-    among them of the coupling of every arc with its own.
+    among them of the coupling of every arc with its own; origin, the problem with [dynamics] whose errors this one has
+    (``problem.integrators``), else None, and node, the place of what every agent feels of its own error.
     Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
     Example:
         >>> network = dd.Network.from_arcs([["tail", "head"]], arrow="listens_to")
@@ -189,9 +214,12 @@ class Problem(Shown):
     simulation: Simulation
     uncertainty: Uncertainty | None
     actuators: Actuators | None
+    dynamics: Dynamics | None
     notes: tuple[str, ...]
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
     exception_places: Mapping[Arc, int] = field(init=False, compare=False)
+    origin: Problem | None = field(init=False)
+    node: int | None = field(init=False, compare=False)
 
     def __init__(
         self,
@@ -210,6 +238,7 @@ class Problem(Shown):
         simulation: Simulation | Mapping[str, Any] | None = None,
         uncertainty: Uncertainty | Mapping[str, Any] | None = None,
         actuators: Actuators | Mapping[str, Any] | None = None,
+        dynamics: Dynamics | Mapping[str, Any] | None = None,
         name: str = "problem",
         notes: Sequence[str] = (),
     ) -> None:
@@ -220,16 +249,21 @@ class Problem(Shown):
                 put(self, **{field: read()})
 
         _check_kinds(network=network, exosystem=exosystem, observer=observer, switching=switching, groups=groups)
+        own = Dynamics(**dynamics) if isinstance(dynamics, Mapping) else dynamics
+        put(self, dynamics=own)
         first = exosystem if exosystem is not None or not groups else groups[0].exosystem
-        m = dimension_of(first, target, coupling)
+        m = dimension_of(first, target, coupling, own)
+        p, states = (m, None) if own is None else (own.inputs, m)
         keep("name", lambda: _read_name(name))
         keep("network", lambda: network)
-        keep("groups", lambda: read_groups(groups, exosystem=exosystem, observer=observer, labels=network.labels, m=m))
+        parts = partial(read_groups, groups, exosystem=exosystem, observer=observer, labels=network.labels)
+        keep("groups", lambda: parts(m=p, states=states))
         divided: tuple[Group, ...] | None = getattr(self, "groups", None)  # None: there is a mistake in them
         keep("target", lambda: reading.read_vector(target, key="target", length=m, because="one per state component"))
-        keep("coupling", lambda: _read_coupling(coupling, dimension=m, key="coupling.h"))
-        keep("exceptions", lambda: _read_exceptions(exceptions, network=network, dimension=m))
-        keep("pinning", lambda: read_pinning(gains, labels=network.labels, dimension=m))
+        keep("coupling", lambda: _read_coupling(coupling, dimension=m, outputs=p, key="coupling.h"))
+        keep("exceptions", lambda: _read_exceptions(exceptions, network=network, dimension=m, outputs=p))
+        form = _Gains.of(m, own, getattr(self, "coupling", None))
+        keep("pinning", lambda: read_pinning(gains, labels=network.labels, form=form))
         keep("offsets", lambda: _read_offsets(offsets, labels=network.labels, dimension=m))
         keep("region", lambda: settings.read_region(region, dimension=m, with_exosystem=first is not None))
         keep("switching", lambda: settings.check_switching(switching, tuple(network.modes)))
@@ -240,9 +274,24 @@ class Problem(Shown):
         keep("actuators", lambda: read_actuators(actuators, labels=network.labels))
         keep("notes", lambda: _read_notes(notes))
         raise_all(errors)
+        self._check_dynamics()
         places = {each: place for place, each in enumerate(dict.fromkeys((self.coupling, *self.exceptions.values())))}
-        own = {arc: places[each] for arc, each in self.exceptions.items()}
-        put(self, couplings=tuple(places), exception_places=own)
+        special = {arc: places[each] for arc, each in self.exceptions.items()}
+        put(self, couplings=tuple(places), exception_places=special, origin=None, node=None)
+
+    def _check_dynamics(self) -> None:
+        """With [dynamics] goals have to be equilibria; what is not known for them is refused."""
+        if self.dynamics is None:
+            return
+        for key in ("uncertainty", "actuators"):
+            if getattr(self, key) is not None:
+                raise wrong(key, "is not known for agents with [dynamics].", f"Remove [{key}].")
+        check_goal(self.dynamics, self.target, key="target")
+        self.dynamics.about(self.target)
+        if self.offsets and self.dynamics.f is not None:
+            raise wrong("formation", "is known for agents with A only, not with f.", "Remove [formation].")
+        for agent in self.offsets:
+            check_goal(self.dynamics, self.goal_of(agent), key=f"formation.offsets.{self.network.labels[agent]}")
 
     def __hash__(self) -> int:
         return hash((self.name, self.network, self.coupling, self.target, self.pinning))
@@ -281,7 +330,7 @@ class Problem(Shown):
 
     def _arguments(self) -> dict[str, Any]:
         names = ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
-        found = {name: getattr(self, name) for name in (*names, "uncertainty", "actuators")}
+        found = {name: getattr(self, name) for name in (*names, "uncertainty", "actuators", "dynamics")}
         found |= {"gains": self.pinning, "exceptions": dict(self.exceptions)}
         if self.is_grouped:
             found |= {"groups": self.groups, "observer": Observer(rate=self.groups[0].observer.rate)}
@@ -296,6 +345,11 @@ class Problem(Shown):
         if self.exceptions:
             facts.append(("other couplings", f"on {counted(len(self.exceptions), 'arc')}"))
         facts.append(("target", self.target[0] if self.m == 1 else (self.target,)))
+        facts += (
+            []
+            if self.dynamics is None
+            else [(f"dynamics.{name}", value) for name, value in self.dynamics._card().facts]
+        )
         arcs = [f"{name} ({counted(len(each), 'arc')})" for name, each in islice(modes.items(), MOST_ITEMS + 1)]
         facts.append(("modes", listed(arcs, count=len(modes))))
         pins = islice(self.pinning.gains.items(), MOST_ITEMS + 1)
@@ -331,6 +385,11 @@ class Problem(Shown):
     def m(self) -> int:
         """Number of state components of one agent."""
         return len(self.target)
+
+    @property
+    def inputs(self) -> int:
+        """p, the number of inputs of one agent: m but for agents with [dynamics]."""
+        return self.m if self.dynamics is None else self.dynamics.inputs
 
     @property
     def q(self) -> int:
@@ -371,6 +430,12 @@ class Problem(Shown):
         own = [group.observer for group in self.groups]
         return Observer(W=join([each.W for each in own]), P=join([each.P for each in own]), rate=own[0].rate)
 
+    def require_integrators(self, what: str) -> None:
+        """Refuse a problem with [dynamics] where ``what`` does not know it.  Raises: SpecError."""
+        if self.dynamics is not None:
+            cure = "Use certify, verify, simulate, falsify, sweep, analyse, build_model or to_control, which know it."
+            raise about("dynamics", f"{what} is not available yet for agents with dynamics of their own.", cure)
+
     def require_one_exosystem(self) -> None:
         """Refuse a problem with several groups.  Raises: SpecError."""
         if self.is_grouped:
@@ -401,9 +466,11 @@ class Problem(Shown):
         return self.target if offset is None else tuple(x + o for x, o in zip(self.target, offset, strict=True))
 
 
-def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any) -> int:
-    """m: the rows of C, else the length of target, else of h, else 1 (the contract's order)."""
-    if exosystem is not None:
+def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any, dynamics: Dynamics | None = None) -> int:
+    """m: that of the dynamics, else the rows of C, else the length of target, else of h, else 1 (the contract)."""
+    if dynamics is not None:
+        key, m = "dynamics", dynamics.dimension
+    elif exosystem is not None:
         key, m = "exosystem.C", exosystem.outputs
     elif is_list(target):
         key, m = "target", len(target)
@@ -454,16 +521,18 @@ def _read_notes(notes: Any) -> tuple[str, ...]:
     return texts
 
 
-def _read_coupling(value: Any, *, dimension: int, key: str) -> Coupling:
+def _read_coupling(value: Any, *, dimension: int, outputs: int, key: str) -> Coupling:
     if isinstance(value, Coupling):
-        if value.dimension != dimension:
+        if (value.dimension, value.outputs) != (dimension, outputs):
             what = f"must have dimension {dimension}, one per state component; got {value.dimension}."
+            if outputs != dimension:
+                what = f"must take {dimension} components to {outputs}; it takes {value.dimension} to {value.outputs}."
             raise wrong(key, what, "Make it with the right dimension.", kind=ShapeError)
         return value
-    return make_coupling(value, dimension=dimension, key=key)
+    return make_coupling(value, dimension=dimension, outputs=outputs, key=key)
 
 
-def _read_exceptions(value: Any, *, network: Network, dimension: int) -> Mapping[Arc, Coupling]:
+def _read_exceptions(value: Any, *, network: Network, dimension: int, outputs: int) -> Mapping[Arc, Coupling]:
     codes, n = network.arc_codes() if value else set(), network.size
     result: dict[Arc, Coupling] = {}
     errors: list[SpecError] = []
@@ -474,7 +543,7 @@ def _read_exceptions(value: Any, *, network: Network, dimension: int) -> Mapping
             if not inside or arc[0] * n + arc[1] not in codes:
                 what = f"no mode has the arc with the indices (listener, speaker) = {shown(arc)}."
                 raise about(key, what, "Correct the arc, or remove the exception; indices count from 0.")
-            result[int(arc[0]), int(arc[1])] = _read_coupling(h, dimension=dimension, key=f"{key}.h")
+            result[int(arc[0]), int(arc[1])] = _read_coupling(h, dimension=dimension, outputs=outputs, key=f"{key}.h")
         if len(errors) >= reading.MOST_ERRORS:
             break
     raise_all(errors)

@@ -220,6 +220,16 @@ class UncertaintyTable(_Table):
     measurement: Number = Field(default=None, description="|noise| of every measured state, in the unit of x.")
 
 
+class DynamicsTable(_Table):
+    """[dynamics]: x_i' = A x_i + B (couplings + u_i + d_i) of every agent."""
+
+    A: NumberMatrix = Field(default=None, description="m x m, in 1/s.")
+    f: Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_TEXT))] = Field(
+        default=None, description="In place of A: m expressions in x1..xm, x_i' = f(x_i) + ..."
+    )
+    B: NumberMatrix = Field(default=None, description="m x p with full column rank; by default the identity.")
+
+
 class ActuatorsTable(_Table):
     """[actuators]: what the actuators can give."""
 
@@ -245,9 +255,10 @@ class ProblemFile(_Table):
     simulation: SimulationTable | None = None
     uncertainty: UncertaintyTable | None = None
     actuators: ActuatorsTable | None = None
+    dynamics: DynamicsTable | None = None
 
 
-RESERVED = {"dynamics", "delays"}
+RESERVED = {"delays"}
 
 
 def json_schema() -> dict[str, Any]:

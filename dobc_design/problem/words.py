@@ -6,6 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
+from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix, some
 from dobc_design.problem.arrays import unreached
@@ -28,15 +29,17 @@ def describe(problem: Problem) -> str:
     lines = [
         f"{problem.name}: {counted(problem.n, 'agent')}, {counted(problem.m, 'state component')} each, {order}",
         f"Target: {_vector(problem.target)}. Coupling: h = {'; '.join(problem.coupling.texts)}{others}.",
+        *dynamics_lines(problem),
     ]
     for mode, arcs in problem.network.modes.items():
         lines.append(f'Mode "{mode}": {counted(len(arcs), "arc")}.')
         lines += [f"  {text}" for text in _listening(labels, arcs)]
         missing = some([labels[i] for i in unreached(problem, [arcs])], LISTED)
         yes = "  Every agent is reached from a pinned agent."
+        missing += " (nothing but their own dynamics holds them)" if missing and problem.dynamics is not None else ""
         lines.append(f"  NOT REACHED from a pinned agent: {missing}." if missing else yes)
     gains = problem.pinning.gains.items()
-    pins = [f"{labels[i]} (k = {number_text(k[0][0]) if is_scalar_matrix(k) else 'matrix'})" for i, k in gains]
+    pins = [f"{labels[i]} (k = {gain_text(k)})" for i, k in gains]
     lines.append(f"Pinned: {some(pins, LISTED)}." if pins else "Pinned: nobody.")
     if problem.offsets:
         lines.append(
@@ -57,6 +60,27 @@ def describe(problem: Problem) -> str:
         lines.append(f"Simulations start at x0, {where}.")
     lines += [f"Note: {note}" for note in problem.notes]
     return "\n".join([*lines, *meaning_lines(problem)])
+
+
+def dynamics_lines(problem: Problem) -> list[str]:
+    """The equation of agents with [dynamics], and the constant inputs that hold their goals."""
+    own = problem.dynamics
+    if own is None:
+        return []
+    A, B = ("; ".join(" ".join(map(number_text, row)) for row in each or ()) for each in (own.A, own.B))
+    inputs, moves = counted(own.inputs, "input"), "A x" if own.f is None else "f(x)"
+    by = f"A = [{A}]" if own.f is None else f"f = ({', '.join(own.f)})"
+    lines = [f"Agents: x' = {moves} + B (couplings + u + d), {inputs} each, {by}, B = [{B}]."]
+    labels = {own.feedforward(problem.goal_of(i)): problem.network.labels[i] for i in reversed(range(problem.n))}
+    u0 = [f"{_vector(u)} for {label}" if len(labels) > 1 else _vector(u) for u, label in labels.items() if u and any(u)]
+    return lines + [f"Inputs u0 that hold the goals: {some(u0, LISTED)}."] * bool(u0)
+
+
+def gain_text(gain: Matrix) -> str:
+    """A gain: a number, a row [1 2], or "matrix"."""
+    if is_scalar_matrix(gain):
+        return number_text(gain[0][0])
+    return f"[{' '.join(map(number_text, gain[0]))}]" if len(gain) == 1 else "matrix"
 
 
 def meaning_lines(problem: Problem) -> list[str]:
@@ -86,6 +110,7 @@ def facts(problem: Problem) -> dict[str, Any]:
         "agents": problem.n,
         "dimension": problem.m,
         "exosystem_order": problem.q,
+        **({} if problem.dynamics is None else {"inputs": problem.inputs}),
         "modes": {
             mode: {"arcs": len(arcs), "unreached": [labels[i] for i in unreached(problem, [arcs])]}
             for mode, arcs in problem.network.modes.items()

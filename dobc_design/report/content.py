@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from dobc_design._show.text import latex_decimal, latex_matrix, latex_number
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.plotting.look import thinned_rows
+from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.meaning import remarks
 from dobc_design.problem.problem import Problem
 from dobc_design.report import checks, pictures, words
@@ -56,6 +57,24 @@ LOOP_DISTURBED = (
     ("the estimate", r"\hat{\xi}_i = z_i + W x_i, \quad \hat{d}_i = C \hat{\xi}_i", "(13)"),
     ("control", r"u_i = -k_i (x_i - \bar{x}) - \hat{d}_i", "(19)"),
 )
+#: The same of agents with [dynamics]; W acts on x, as in certificates.
+_FELT = r"\sum_{j \in N_i} w_{ij}\, h_{ij}(e_j - e_i) + u_i"
+LOOP_DYNAMIC = (
+    ("each agent", rf"\dot x_i = A_x x_i + B \Bigl( {_FELT} \Bigr), \quad e_i = x_i - \bar x_i", "(1)"),
+    ("control", r"u_i = -K_i e_i + u^0_i, \quad A_x \bar x_i + B u^0_i = 0", "(4)"),
+)
+LOOP_DYNAMIC_DISTURBED = (
+    ("each agent", rf"\dot x_i = A_x x_i + B \Bigl( {_FELT} + d_i \Bigr), \quad e_i = x_i - \bar x_i", "(1)"),
+    LOOP_DISTURBED[1],
+    (
+        "its observer",
+        rf"\dot z_i = (A - W B C)(z_i + W x_i) - W \Bigl( A_x x_i + B \Bigl( {_FELT} \Bigr) \Bigr)",
+        "(13)",
+    ),
+    LOOP_DISTURBED[3],
+    ("control", r"u_i = -K_i e_i - \hat{d}_i + u^0_i, \quad A_x \bar x_i + B u^0_i = 0", "(19)"),
+)
+_SHARED = {latex for _, latex, _ in LOOP_DISTURBED}
 _LAMBDA = r"\Lambda(J) = J + J' - (K + K'), \quad K = \operatorname{blockdiag}(k_1 I_m, \dots, k_n I_m)"
 _PSI = r"\Psi = \begin{pmatrix} \Lambda(J) & I_n \otimes C \\ (I_n \otimes C)' & I_n \otimes \Omega_0 \end{pmatrix} < 0"
 _OMEGA = r"\Omega_0 = P A + A' P - C' Q' - Q C"
@@ -165,7 +184,7 @@ def _next_step(certificate: Certificate) -> Iterator[doc.Section]:
     if advice:
         told = f"{words.sentence(advice)} This command shows from which starts consensus is proved:"
         yield doc.Section("What would decide it", (doc.Text(told), doc.Code((_REGION,), command=True)), "next")
-    elif not cures:
+    elif not cures and certificate.problem.dynamics is None:
         told = (
             "This command searches for pins and gains that are proved for the problem, or proves that there are none:"
         )
@@ -174,17 +193,25 @@ def _next_step(certificate: Certificate) -> Iterator[doc.Section]:
 
 def _problem(problem: Problem) -> doc.Section:
     """The problem in a few sentences, and its equations with the numbers of the paper."""
-    disturbed = ", disturbed" if problem.groups else ""
+    disturbed, own = ", disturbed" if problem.groups else "", problem.dynamics
+    kind = disturbed if own is None else f"{disturbed}, {'dynamic' if own.f is None else 'nonlinear'}"
+    equations = LOOP_DISTURBED if problem.groups else LOOP
+    if own is not None:
+        equations = LOOP_DYNAMIC_DISTURBED if problem.groups else LOOP_DYNAMIC
     coupling, target = _coupling(problem), _target(problem)
     letters = "h(y)" if problem.coupling.by_component else "h(y) by components"
-    plain = (("coupling", f"{letters} = {', '.join(problem.coupling.texts)}"),)
+    plain = [("coupling", f"{letters} = {', '.join(problem.coupling.texts)}")]
+    plain += [] if own is None or own.f is None else [("own dynamics", f"f(x) = ({', '.join(own.f)})")]
     blocks: list[doc.Block] = [
         doc.Text(words.problem_words(problem)),
         *(
-            doc.Formula(latex, name, equation, name + disturbed)
-            for name, latex, equation in (LOOP_DISTURBED if problem.groups else LOOP)
+            doc.Formula(_own(latex, own), name, equation, name + (disturbed if latex in _SHARED else kind))
+            for name, latex, equation in equations
         ),
-        doc.Only(("html", *doc.TEXTS), (doc.Formula(coupling, "coupling"), doc.Formula(target, "target"))),
+        *(() if own is None else (doc.Matrices(tuple(_plant(problem))),)),
+        doc.Only(
+            ("html", *doc.TEXTS), (*_nodes(own), doc.Formula(coupling, "coupling"), doc.Formula(target, "target"))
+        ),
         doc.Only(("pdf",), (doc.Facts((*plain, ("target", words.vector_text(problem.target)))),)),
         doc.Text(_letters(problem)),
     ]
@@ -195,6 +222,31 @@ def _problem(problem: Problem) -> doc.Section:
         if sentences:
             blocks += [doc.Text(head), doc.List(sentences)]
     return doc.Section("The problem", blocks, "problem", "Problem")
+
+
+def _own(latex: str, dynamics: Dynamics | None) -> str:
+    """An equation of the loop, with f(x) in place of A x where that is given."""
+    if dynamics is None or dynamics.f is None:
+        return latex
+    return latex.replace("A_x x_i", "f(x_i)").replace(r"A_x \bar x_i", r"f(\bar x_i)")
+
+
+def _nodes(dynamics: Dynamics | None) -> Iterator[doc.Block]:
+    """LaTeX of f, a function of x or a column of functions of x_1 to x_m."""
+    if dynamics is not None and dynamics.f is not None:
+        rows = r" \\ ".join(dynamics.latex)
+        column = rows if dynamics.dimension == 1 else rf"\begin{{pmatrix}} {rows} \end{{pmatrix}}"
+        yield doc.Formula(f"f(x) = {column}", "own dynamics")
+
+
+def _plant(problem: Problem) -> Iterator[doc.ShownMatrix]:
+    """A_x and B of agents with [dynamics]."""
+    if problem.dynamics is not None:
+        if problem.dynamics.A is not None:
+            yield doc.ShownMatrix(
+                "A_x", "how the state of an agent moves by itself, A of [dynamics]", problem.dynamics.A
+            )
+        yield doc.ShownMatrix("B", "how inputs, couplings and disturbance act on it", problem.dynamics.B)
 
 
 def _coupling(problem: Problem) -> str:
@@ -214,6 +266,20 @@ def _target(problem: Problem) -> str:
 
 def _letters(problem: Problem) -> doc.Words:
     """What the letters of the equations mean."""
+    if problem.dynamics is not None:
+        return (
+            "Here ",
+            doc.Math("N_i", "N_i"),
+            " are the agents that i listens to, ",
+            doc.Math("w_ij", "w_{ij}"),
+            " weights (1 unless said), ",
+            doc.Math("e_i", "e_i"),
+            f" how far agent i is from the target{' plus its offset' if problem.offsets else ''}, ",
+            doc.Math("K_i", "K_i"),
+            " the gain of a pin, 0 without one, and ",
+            doc.Math("u⁰_i", "u^0_i"),
+            " the constant input that holds the agent at its goal.",
+        )
     formation = (" Agents keep their formation: ", doc.Math("x_i", "x_i"), " is measured from the offset of agent i.")
     return (
         "Here ",
@@ -271,7 +337,10 @@ def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.S
     """The condition that is decided, and the matrices of the certificate."""
     rounded = "Entries with a decimal point are rounded for this page; certificate.json holds them exactly."
     matrices = doc.Matrices(tuple(_matrices(certificate)))
-    blocks = list(_disturbed(certificate.problem) if certificate.problem.groups else _undisturbed())
+    own = certificate.problem.dynamics
+    slopes = "" if own is None or own.f is None else " Aₓ holds the slopes of f at the target."
+    blocks: list[doc.Block] = [] if own is None else [doc.Text(words.BY_ERRORS + slopes)]
+    blocks += list(_disturbed(certificate.problem) if certificate.problem.groups else _undisturbed())
     if matrices.items:
         blocks += [matrices, doc.on_pages(doc.Text(rounded, "caption"))]
     for name, bound in words.bounds_of(certificate).items():
@@ -289,7 +358,7 @@ def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.S
 def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
     """A, C, W, and P, Q, S where the theorem is proved, S of a printed P beside them."""
     problem, claims = certificate.problem, certificate.claims
-    exosystem = problem.joint_exosystem
+    exosystem, own = problem.joint_exosystem, problem.dynamics
     if exosystem is None:
         return
     source = f" ({claims.gain_source})" if claims.gain_source else ""
@@ -297,6 +366,11 @@ def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
     for name, what, matrix in (
         ("A", "generator of the disturbance", exosystem.A),
         ("C", "output matrix: d = C ξ acts on the agent", exosystem.C),
+        *(
+            ()
+            if own is None
+            else (("B C", "what takes the place of C in the condition", multiply(own.B, exosystem.C)),)
+        ),
         ("W", f"observer gain{source}", claims.W),
         ("P", "Lyapunov matrix of the estimation error, found and proved", claims.P),
         ("Q", "P W", claims.Q),

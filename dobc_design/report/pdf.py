@@ -28,7 +28,12 @@ from dobc_design.report.words import capitalize_first
 
 STANDARD: Final[Literal["ua-1"]] = "ua-1"  # PDF/UA-1: readable by assistive technology
 #: Names of matrices in the template, by their LaTeX; the others have the same.
-MATRIX_NAMES: Final = {r"P_{\text{given}}": "P given", r"S_{\text{given}}": "S given", r"\Lambda": "Lambda"}
+MATRIX_NAMES: Final = {
+    r"P_{\text{given}}": "P given",
+    r"S_{\text{given}}": "S given",
+    r"\Lambda": "Lambda",
+    "A_x": "A x",
+}
 PRINTED: Final = ("recheck", "signatures")  # the details that belong to every printed report
 LONGEST_NUMBER: Final = 12  # digits of numerator and denominator that are still printed as a fraction
 LONGEST_WORD: Final = 16  # in a cell; longer ones may be broken anywhere

@@ -45,6 +45,11 @@ BY_GROUP: Final = (
     " and I ⊗ S stand for matrices with the C, Ω₀ and S of each agent's group along the diagonal. The matrices below"
     " hold all groups along their diagonal, in this order."
 )
+#: The same of agents with [dynamics].
+BY_ERRORS: Final = (
+    "The errors of these agents are those of integrators with the couplings B h, the gains B Kᵢ − Aₓ (on every agent)"
+    " and the output matrix B C. The condition is about these: h, kᵢ and C in it stand for them, and W acts on x."
+)
 #: Letters and signs as certificates write them.  Lambda and Psi may be labels, too: only where mathematics follows.
 _SIGNS = tuple(
     (re.compile(pattern), sign)
@@ -245,6 +250,8 @@ def deployment_words(certificate: Certificate) -> str:
     allowed = [f"messages that are late by up to {_number(late)} s"] if late else []
     allowed += [f"couplings and pins that are held for up to {_number(held)} s between samples"] if held else []
     covered = f"The proof allows {' or '.join(allowed)}. " if allowed else ""
+    if certificate.problem.dynamics is not None:
+        return f"{covered}dobc_design.to_control gives the loop to python-control."
     return f"{covered}Use dobc export to write the controller of an agent in C, as an FMU or for python-control."
 
 
@@ -260,7 +267,8 @@ def _norms(domain: Mapping[str, Any]) -> str:
 def _about_the_model(problem: Problem, messages: str) -> str:
     disturbances = "one (A, C) for all agents, " if problem.groups else ""
     disturbances = "one (A, C) for each group of agents, " if problem.is_grouped else disturbances
-    text = f"It is about the model as given: single integrators, {disturbances}{messages}. Whether the model fits the"
+    agents = "single integrators" if problem.dynamics is None else "agents with the dynamics given, the same for all"
+    text = f"It is about the model as given: {agents}, {disturbances}{messages}. Whether the model fits the"
     return text + " plant is not decided here."
 
 
@@ -272,6 +280,7 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
         for group in problem.groups[:MOST_MODES]
         for told in [disturbance_words(problem, group)]
     ]
+    facts += [("Agents", told) for told in dynamics_words(problem)]
     facts += [
         ("Coupling", f"h(y) = {', '.join(problem.coupling.texts).replace('-', '−')}"),
         ("Target", vector_text(problem.target)),
@@ -286,6 +295,22 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
     return facts
 
 
+def dynamics_words(problem: Problem) -> list[str]:
+    """What agents with [dynamics] are; the constant inputs that hold their goals, where these are not 0."""
+    own = problem.dynamics
+    if own is None:
+        return []
+    rows = [[number_text(x) for x in own.feedforward(problem.goal_of(i)) or ()] for i in range(problem.n)]
+    by_input: dict[str, list[str]] = {}
+    for agent, row in enumerate(rows):
+        by_input.setdefault(f"({', '.join(row)})", []).append(problem.network.labels[agent])
+    told = [f"{u0} on {names_in_words(names, 4)}" for u0, names in list(by_input.items())[:MOST_MODES]]
+    what = f"x′ = {'Aₓ x' if own.f is None else 'f(x)'} + B (couplings + u + d), {counted(own.inputs, 'input')} each"
+    if not any(x != "0" for row in rows for x in row):
+        return [what]
+    return [f"{what}; constant inputs u⁰ that hold the goals: {'; '.join(told)}"]
+
+
 def _starts(region: Region) -> str:
     pairs = [f"[{decimal(lo)}, {decimal(hi)}]" for lo, hi in region.initial_states]
     inside = pairs[0] if len(set(pairs)) == 1 else " × ".join(pairs)
@@ -298,7 +323,8 @@ def _pins(problem: Problem) -> str:
     by_gain: dict[str, list[str]] = {}
     for agent, gain in problem.pinning.gains.items():
         by_gain.setdefault(_gain(gain), []).append(problem.network.labels[agent])
-    shown = [f"{gain} 1/s on {names_in_words(names, 6)}" for gain, names in list(by_gain.items())[:MOST_MODES]]
+    unit = "" if problem.dynamics is not None else " 1/s"
+    shown = [f"{gain}{unit} on {names_in_words(names, 6)}" for gain, names in list(by_gain.items())[:MOST_MODES]]
     return "; ".join(shown) + ("; …" if len(by_gain) > MOST_MODES else "") or "nobody is pinned"
 
 
@@ -317,7 +343,9 @@ def agents_table(problem: Problem) -> doc.Table | None:
         f"Gain k of the pins{', goals' if problem.offsets else ''}, and whom each agent listens to",
         range(problem.n),
         doc.Column("agent", lambda i: labels[i], 1.2),
-        doc.Column("k in 1/s", lambda i: _gain(gains[i]) if i in gains else "–", 0.8),
+        doc.Column(
+            "k in 1/s" if problem.dynamics is None else "K", lambda i: _gain(gains[i]) if i in gains else "–", 0.8
+        ),
         doc.Column(
             "goal", lambda i: vector_text(problem.goal_of(i)), only=doc.EVERY if problem.offsets else ("markdown",)
         ),
@@ -395,6 +423,7 @@ def size_sentence(problem: Problem) -> str:
         disturbance = f"a disturbance on every agent, generated by {counted(problem.q, 'exosystem state')}"
     topology = "one fixed topology" if modes == 1 else f"{modes} modes between which the topology switches"
     size = f"{counted(problem.n, 'agent')}; {counted(problem.m, 'state component')} each"
+    size += "" if problem.dynamics is None else f", {counted(problem.inputs, 'input')} and dynamics of their own"
     return f"{size}; {topology}; {disturbance}."
 
 

@@ -15,6 +15,7 @@ from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def render_report(
     if pdf:
         require_typst()  # said before anything is computed
     say = report_to(progress)
-    problem, gain = certificate.problem, certificate.claims.W
+    problem, gain = as_integrators(certificate.problem), certificate.claims.W
     analysis, trajectory, worst = None, None, None
     if problem.n * problem.m <= DRAWN and problem.q <= DRAWN_ORDER:
         from dobc_design.analysis.analysis import analyse as run_analysis
@@ -140,7 +141,7 @@ def render_latex(certificate: Certificate) -> dict[str, bytes]:
     from dobc_design.report.content import report_document
     from dobc_design.report.latex import latex_fragments
 
-    document = report_document(certificate, lambdas=_shown_lambdas(certificate.problem))
+    document = report_document(certificate, lambdas=_shown_lambdas(as_integrators(certificate.problem)))
     return latex_fragments(document, certificate.claims.version)
 
 

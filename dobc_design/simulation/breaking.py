@@ -19,6 +19,7 @@ from dobc_design.certificate.claims import certified_period
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.errors import SpecError, wrong
 from dobc_design.problem.arrays import Array, arc_groups
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation._arguments import positive
@@ -169,7 +170,9 @@ def what_breaks_first(
         message = f"must be among {', '.join(OPTIONS)}; got {str(unknown[0])[:40] if unknown else 'none'}."
         raise wrong("options", message, "Leave it out for all of them.")
     tolerance = positive(tolerance, "tolerance", example="0.1")
-    problem = load_problem(problem)
+    problem = as_integrators(load_problem(problem))
+    if options is OPTIONS and problem.origin is not None:
+        options = tuple(option for option in OPTIONS if option != "period")  # refused for agents with [dynamics]
     chosen, remark = (signal, None) if signal is not None else signal_of(problem)
     given: dict[str, Any] = {"signal": chosen, "start": start, "t_final": t_final, "seed": seed}
     setting = make_setting(problem, gain=observer_gain(problem), samples=SAMPLES, tolerance=COARSE, **given)
@@ -186,6 +189,8 @@ def what_breaks_first(
     for number, option in enumerate(options):
         report(number / len(options))
         sweeps.append(sweep := _sweep(late, tolerance, option, _grid(problem, option, calm, setting.loop)))
+        if problem.origin is not None and option in ("disturbance", "saturation"):
+            sweeps[-1] = replace(sweep, unit="unit of u")
         if option == "period":
             certified = None if certificate is None else certified_period(certificate.problem, certificate.claims)
             limit = _bisect(late, tolerance, sweep.survives, sweep.breaks)

@@ -20,7 +20,8 @@ from dobc_design.coupling import tree
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.tree import NumpyAlgebra
 from dobc_design.problem import arrays
-from dobc_design.problem.arrays import ArcGroup, Array, Gain
+from dobc_design.problem.arrays import ArcGroup, Array, Gain, Plant
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
 
@@ -187,7 +188,9 @@ MOST_NUMBERS = 1 << 24  # of the table
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Loop:
     """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in ``problem.arrays.Disturbance``.
-    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0."""
+    Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0.  Of agents
+    with [dynamics] these are those of integrators with the same errors, and ``plant`` has their own; ``bend`` is
+    f(goal + e) - f(goal) less its slopes at e = 0 for e (n, m, R), None where that is 0."""
 
     n: int
     m: int
@@ -199,6 +202,13 @@ class Loop:
     K: sp.csr_array
     goal: Array
     own: NDArray[np.bool_] | None = None
+    plant: Plant | None = None
+    bend: Callable[[Array], Array] | None = None
+
+    @property
+    def output(self) -> Array:
+        """C of d = C xi, (p, q), p = m without [dynamics]."""
+        return self.C if self.plant is None else self.plant.C
 
     def split(self, state: Array) -> tuple[Array, Array, Array]:
         """Cut states (..., n (m + 2 q)) into x (..., n, m), xi and z (..., n, q)."""
@@ -211,8 +221,16 @@ class Loop:
         return applied(self.W, y)
 
     def control(self, e: Array, dhat: Array) -> Array:
-        """u of (19) for e and dhat, both (..., n, m)."""
-        return np.asarray(-(self.K @ e.reshape(-1, self.n * self.m).T).T.reshape(e.shape) - dhat)
+        """u of (19) for e (..., n, m) and dhat (..., n, p)."""
+        K, u0 = (self.K, 0.0) if self.plant is None else (self.plant.K, self.plant.u0)
+        return np.asarray(-(K @ e.reshape(-1, self.n * self.m).T).T.reshape(dhat.shape) - dhat + u0)
+
+    def moved(self, u: Array, e: Array) -> Array:
+        """What inputs u (n, p, R) and errors e (n, m, R) do to x without couplings and disturbance: A x + B u."""
+        if self.plant is None:
+            return u
+        moved = act(self.plant.B, u - self.plant.u0[..., None]) + act(self.plant.A, e)  # A goal + B u0 = 0
+        return moved if self.bend is None else moved + self.bend(e)
 
 
 def applied(gain: Array, y: Array) -> Array:
@@ -227,8 +245,17 @@ def act(matrix: Array, y: Array) -> Array:
 
 def make_loop(problem: Problem, gain: Gain | None) -> Loop:
     """Read the problem's numbers as floats.  Raises: SpecError without a W, or for a gain that does not fit."""
-    given = asdict(arrays.disturbance_arrays(problem, gain)) | {"K": arrays.pinning_matrix(problem)}
-    return Loop(n=problem.n, m=problem.m, q=problem.q, goal=arrays.goals(problem), **given)
+    problem = as_integrators(problem)
+    plant = arrays.plant_arrays(problem.origin or problem)
+    given: dict[str, Any] = asdict(arrays.disturbance_arrays(problem, gain)) | {"K": arrays.pinning_matrix(problem)}
+    bend = None
+    if plant is not None and problem.node is not None:
+        node, slopes = compile_coupling(problem.couplings[problem.node]), plant.A
+
+        def bend(e: Array) -> Array:
+            return np.asarray(node(e) - act(slopes, e))
+
+    return Loop(n=problem.n, m=problem.m, q=problem.q, goal=arrays.goals(problem), plant=plant, bend=bend, **given)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -249,6 +276,8 @@ class Network:
             block.add(total, rows, self.loop.m)
         result = total.reshape(e.shape)
         result -= self.loop.K @ e
+        if self.loop.bend is not None:
+            result += self.loop.bend(np.reshape(e, (n, self.loop.m, -1))).reshape(e.shape)
         return result
 
 

@@ -26,6 +26,7 @@ from dobc_design.errors import wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.canonical import loop_sha256
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
@@ -192,7 +193,7 @@ def simulate(
         >>> run.x.shape, run.diverged, run.final_error < 0.3
         ((61, 10, 1), False, True)
     """
-    problem = load_problem(problem)
+    problem = as_integrators(load_problem(problem))
     remarks: list[str] = []
     if stress == "worst" and signal is None and mode is None and (signal := worst_signal(problem)) is not None:
         remarks.append(
@@ -286,9 +287,9 @@ def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progr
     xihat = np.zeros_like(xi) if off else xi - eps
     if along:
         run.notes.append("The observer is too fast for its closed form: its error was integrated as well.")
-    dhat = xihat @ loop.C.T
+    dhat = xihat @ loop.output.T
     u = loop.control(x - loop.goal, dhat)
-    return run, {"x": x, "xi": xi, "xihat": xihat, "d": xi @ loop.C.T, "dhat": dhat, "u": u}
+    return run, {"x": x, "xi": xi, "xihat": xihat, "d": xi @ loop.output.T, "dhat": dhat, "u": u}
 
 
 def run_many(setting: Setting, runs: int, *, progress: Progress | None = None) -> Ensemble:
@@ -411,7 +412,8 @@ class _Collector:
         columns = e.reshape(loop.n * loop.m, -1)
         stack = Stack(loop=loop, networks=networks, closed=closed, e=columns, eps=eps, switches=padded(runs.switches))
         self.estimation[chosen] = 0.0
-        for place, weight in enumerate([] if closed is None else np.moveaxis(closed.many(setting.times), 2, 0)):
+        weights: Any = [] if closed is None else np.moveaxis(closed.many(setting.times), 2, 0)
+        for place, weight in enumerate(weights if loop.plant is None else np.linalg.pinv(loop.plant.B) @ weights):
             self.estimation[chosen, place] = np.abs(np.tensordot(weight, eps, axes=(1, 1))).max(axis=(0, 1))
 
         def visit(sample: IndexArray, run: IndexArray, e: Array) -> None:

@@ -27,7 +27,13 @@ from dobc_design.simulation.stressed import Crew, StressedRuns, sample_instants
 
 
 def discretised(loop: Loop, period: float, gain: Array | None = None) -> tuple[Array, Array, Array]:
-    """Ad (q, q), Cd (m, q) and L (q, m), or (n, q, m), for ``period`` in s.  Raises: ShapeError for a wrong gain."""
+    """Ad (q, q), Cd (m, q) and L (q, m), or (n, q, m), for ``period`` in s.  Raises: ShapeError for a wrong gain,
+    SpecError for agents with [dynamics]."""
+    if loop.plant is not None:
+        what = "is not known for agents with [dynamics]: between samples they move by A, too."
+        raise wrong(
+            "stress.period", what, "Leave the period out; `exchange` gives the time between exchanges of states."
+        )
     if gain is None:
         gain = integral(loop.F, period)[1] @ loop.W
     else:

@@ -26,6 +26,7 @@ from dobc_design.errors import ShapeError, SpecError, wrong
 from dobc_design.exact.matrix import Vector, to_float
 from dobc_design.exact.reading import shown
 from dobc_design.problem.arrays import ArcGroup, Array, Gain, arc_groups, mode_index, no_gain, require_floats
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import read_bytes
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
@@ -69,12 +70,12 @@ class Stress(Told):
 
     ``noise``: standard deviation of every measured component, in the unit of x, drawn anew at every exchange (every
     0.05 s without).
-    ``disturbance``: amplitude, in units of x per s, of a sine of ``frequency`` rad/s with random phases that acts
-    besides d and that no exosystem knows (frequency 0: a constant).  ``saturation``: bound on every component of u, in
-    units of x per s; the observer is told the input that is applied.  ``period`` (s): couplings, input and observer are
-    computed at its multiples and held between (see ``sampled``); ``sampled_gain`` (q, m) is then the observer's, as
-    ``design_observer(period=...)`` gives it, in place of the discretised W.  ``loss``: probability that a packet is
-    lost, on every arc and at every exchange; the listener keeps the last one it got.  ``exchange`` (s): time between
+    ``disturbance``: amplitude, in units of x per s (of u with [dynamics]), of a sine of ``frequency`` rad/s with random
+    phases that acts besides d and that no exosystem knows (frequency 0: a constant).  ``saturation``: bound on every
+    component of u, in the same units; the observer is told the input that is applied.  ``period`` (s): couplings, input
+    and observer are computed at its multiples and held between (see ``sampled``); ``sampled_gain`` (q, m) is then the
+    observer's, as ``design_observer(period=...)`` gives it, in place of the discretised W.  ``loss``: probability that
+    a packet is lost, on every arc and at every exchange; the listener keeps the last.  ``exchange`` (s): time between
     exchanges, the period where there is one, else 0.05 s.  ``failures``: agents that fail.  ``worst``: noise and
     disturbance take the values + and - only, the disturbance so that it drives one agent, the seed modulo n, as far
     as the linearised loop can be driven; agents have the limits of [actuators].
@@ -363,6 +364,7 @@ class Setting:
 
 def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options]) -> Setting:
     """Check the arguments of ``simulate``.  Raises: SpecError."""
+    problem = as_integrators(problem)
     mode, untyped = given.get("mode"), dict[str, Any](given)
     signal, stress = untyped.get("signal"), untyped.get("stress")
     stress = worst_stress(problem) if stress == "worst" else stress

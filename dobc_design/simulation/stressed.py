@@ -68,11 +68,12 @@ class Crew:
         self.loop, self.stress, self.heeds = runs.setting.loop, runs.stress, runs.setting.observer != "off"
         self.failing = runs.stress.failing(runs.setting.problem)  # by the agent's index
         self.shape, self.count = (self.loop.n, self.loop.m), len(instants)
+        ports = (self.loop.n, len(self.loop.output))
         self.heard = Heard(runs, instants, keep=keep)
         self.noises = [np.random.default_rng([seed, NOISE]) for seed in runs.seeds]
-        phases = [np.random.default_rng([seed, PHASE]).uniform(0, 2 * np.pi, size=self.shape) for seed in runs.seeds]
+        phases = [np.random.default_rng([seed, PHASE]).uniform(0, 2 * np.pi, size=ports) for seed in runs.seeds]
         self.phase = np.stack(phases, axis=2)
-        self.drawn: Array = np.zeros((0, *self.phase.shape))
+        self.drawn: Array = np.zeros((0, *self.shape, len(runs.seeds)))
         problem, horizon = runs.setting.problem, runs.setting.horizon
         self.signs = None
         if runs.stress.worst:
@@ -86,7 +87,7 @@ class Crew:
     def noise(self, k: int) -> Array:
         """The noise that holds from the k-th instant on, (n, m, R); instants come in order."""
         if not self.stress.noise:
-            return np.zeros_like(self.phase)
+            return np.zeros((*self.shape, len(self.noises)))
         if k % BLOCK == 0:
             size = (min(BLOCK, self.count - k), *self.shape)
             self.drawn = np.stack([rng.standard_normal(size) for rng in self.noises], axis=3)
@@ -95,9 +96,7 @@ class Crew:
 
     def command(self, e: Array, dhat: Array) -> Array:
         """The input of agents that work: (19), limited."""
-        u = np.asarray(-(self.loop.K @ e.reshape(-1, e.shape[2])).reshape(e.shape))
-        if self.heeds:
-            u = u - dhat
+        u = np.moveaxis(self.loop.control(np.moveaxis(e, 2, 0), np.moveaxis(dhat * self.heeds, 2, 0)), 0, 2)
         return u if self.limit is None else np.asarray(np.clip(u, -self.limit, self.limit))
 
     def control(self, e: Array, dhat: Array, chosen: IndexArray | slice = slice(None)) -> Array:
@@ -127,7 +126,7 @@ class Crew:
         return said
 
     def extra(self, times: float | Array, chosen: IndexArray | slice = slice(None)) -> Array:
-        """The disturbance that no exosystem knows, (n, m, R); times (R,), or any number of them for a single run."""
+        """The disturbance that no exosystem knows, (n, p, R); times (R,), or any number of them for a single run."""
         if not self.stress.disturbance:
             return np.zeros_like(times + self.phase[..., chosen])
         if self.signs is not None:
@@ -236,7 +235,7 @@ class Loops:
         self.failures = sorted({failure.time for failure in runs.stress.failures if failure.time < horizon})
         self.crew = Crew(runs, self.instants, keep=True)
         self.goal, self.alive, self.next = self.loop.goal[..., None], np.arange(len(runs.seeds)), 0
-        self.noise = np.zeros_like(self.crew.phase)
+        self.noise = np.zeros((*self.crew.shape, len(runs.seeds)))
         x, xi, xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))
         self.start = self.joined(x, xi, xihat - act(self.loop.W, x))
 
@@ -261,7 +260,7 @@ class Loops:
             self.noise = crew.noise(self.next)
         x, _, z = self.split(y)
         e, xihat = self.known(x, z, self.noise)
-        crew.fail(time, e, act(self.loop.C, xihat))
+        crew.fail(time, e, act(self.loop.output, xihat))
         if crew.stress.exchanges is not None:
             if due:
                 crew.heard.exchange(self.next, crew.said(e))
@@ -280,16 +279,18 @@ class Loops:
             x, xi, z = self.split(y)
             e, xihat = self.known(x, z, noise)
             arrived = crew.said(e, chosen)[links.speakers] if heard is None else heard
-            felt = links.felt(e, arrived) + crew.control(e, act(loop.C, xihat), chosen)
-            x_dot = felt + act(loop.C, xi)
+            felt, u = links.felt(e, arrived), crew.control(e, act(loop.output, xihat), chosen)
+            d = act(loop.output, xi)
             if len(force):
-                x_dot += force.reshape(x_dot.shape)
-            return self.joined(x_dot, act(loop.A, xi), act(loop.F, xihat) - act(loop.W, felt))
+                d = d + force.reshape(d.shape)
+            x_dot = felt + loop.moved(u + d, x - self.goal)
+            seen = felt + loop.moved(u, e)
+            return self.joined(x_dot, act(loop.A, xi), act(loop.F, xihat) - act(loop.W, seen))
 
         return derivative
 
     def forces(self, times: Array, runs: IndexArray) -> Array:
-        """The disturbance that no exosystem knows, (S, n m, k); nothing without one."""
+        """The disturbance that no exosystem knows, (S, n p, k); nothing without one."""
         if not self.crew.stress.disturbance:
             return np.zeros((len(times), 0, len(runs)))
         return self.crew.extra(times[:, None, None, :], self.alive[runs]).reshape(len(times), -1, len(runs))
@@ -301,14 +302,15 @@ class Loops:
         self.crew.heard.tune(self.alive[runs], modes)
 
     def gap(self, y: Array, times: Array, chosen: IndexArray) -> Array:
-        """d - dhat of the chosen runs at these times, (n, m, k)."""
+        """d - dhat of the chosen runs at these times, (n, p, k)."""
         x, xi, z = self.split(y)
-        d, xihat = act(self.loop.C, xi) + self.crew.extra(times, chosen), self.known(x, z, self.noise[..., chosen])[1]
-        return np.asarray(d - act(self.loop.C, xihat)) if self.crew.heeds else d
+        C, xihat = self.loop.output, self.known(x, z, self.noise[..., chosen])[1]
+        d = act(C, xi) + self.crew.extra(times, chosen)
+        return np.asarray(d - act(C, xihat)) if self.crew.heeds else d
 
 
 def run_stressed(runs: StressedRuns, *, visit: Visit, progress: Progress) -> Ends:
-    """Integrate all runs; ``visit`` gets places of samples and runs (k,), e and d - dhat (n, m, k)."""
+    """Integrate all runs; ``visit`` gets places of samples and runs (k,), e (n, m, k) and d - dhat (n, p, k)."""
     times, horizon = runs.setting.times, runs.setting.horizon
     loops, (switch_times, switch_modes) = Loops(runs, horizon), padded(runs.switches)
     y, everyone = loops.start, loops.alive
@@ -387,10 +389,10 @@ def run_alone(runs: StressedRuns, modes: Modes, progress: Progress | None) -> Ou
     if runs.stress.noise:
         noise = np.stack(noises, axis=2)[..., np.searchsorted(loops.instants, run.times, side="right") - 1]
     e, xihat = loops.known(x, z, noise)
-    dhat = act(loops.loop.C, xihat)
+    dhat = act(loops.loop.output, xihat)
     u = crew.command(e, dhat)
     for agent, (last, _) in crew.stopped.items():
         u[agent][:, run.times >= crew.failing[agent].time] = last
-    d = act(loops.loop.C, xi) + crew.extra(run.times)
+    d = act(loops.loop.output, xi) + crew.extra(run.times)
     parts = {"x": x, "xi": xi, "d": d, "u": u} | crew.heeded(xihat, dhat)
     return run, {name: np.moveaxis(array, 2, 0).copy() for name, array in parts.items()}

@@ -40,7 +40,8 @@ SETTLED = 0.01  # part of the error at the start that counts as settled
 
 
 class Sample(NamedTuple):
-    """One instant of a run: time in s, name of the mode; x, d, dhat, u (n, m); xi, xihat (n, q)."""
+    """One instant of a run: time in s, name of the mode; x (n, m), d, dhat, u (n, p), p = m but with [dynamics]; xi,
+    xihat (n, q)."""
 
     time: float
     mode: str
@@ -65,7 +66,8 @@ class Simulated(Headed):
 class Trajectory(Simulated):
     """Samples of a run; arrays cannot be written to.  Iterating gives one ``Sample`` after the other.
 
-    Shapes: times (T,) in s; x, d, dhat, u (T, n, m); xi, xihat (T, n, q); goal (n, m); mode_index (T,), the active mode
+    Shapes: times (T,) in s; x (T, n, m); d, dhat, u (T, n, p), the inputs of [dynamics], else p = m; xi, xihat
+    (T, n, q); goal (n, m); mode_index (T,), the active mode
     as a place in ``switches.names``.  ``mode`` names the mode, or the modes and the signal; ``switches`` holds the
     exact instants.  ``diverged`` says that the run could not be carried to its end, ``t_final``: the samples are
     those before, and ``reason`` says why.  ``method`` names the integrator, ``notes`` say what was chosen.
@@ -271,13 +273,14 @@ def _require_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
     require(not missing, f"it has no array {', '.join(missing)}")
     require(len(shapes["x"]) == len(shapes["xi"]) == 3, "x and xi must be samples of agents")
     (samples, n, m), q, switches = shapes["x"], shapes["xi"][2], shapes["switch_times"][:1]
+    p = shapes["u"][2:][-1:]  # inputs of an agent: m but with [dynamics]
     arcs, graphs = shapes["graph_arcs"][1:2], shapes["graph_sizes"][:1]
     wanted = {"times": (samples,), "goal": (n, m), "switch_modes": switches, "switch_times": switches, "about": ()}
-    wanted |= dict.fromkeys(("d", "dhat", "u"), (samples, n, m)) | dict.fromkeys(("xi", "xihat"), (samples, n, q))
+    wanted |= dict.fromkeys(("d", "dhat", "u"), (samples, n, *p)) | dict.fromkeys(("xi", "xihat"), (samples, n, q))
     wanted |= {"graph_arcs": (2, *arcs), "graph_sizes": graphs}
     wrong = [name for name, shape in wanted.items() if shapes[name] != shape]
     require(not wrong, f"the shapes of {', '.join(wrong)} do not fit that of x")
-    require(min(samples, n, m, *switches), "it has no samples")
+    require(min(samples, n, m, *p, *switches), "it has no samples")
 
 
 def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:

@@ -50,7 +50,7 @@ def worst_signs(problem: Problem, loop: Loop, *, horizon: float, seeds: Sequence
     mode."""
     n, m, q = loop.n, loop.m, loop.q if observed else 0
     size, length = n * (m + q), horizon / STEPS
-    values = np.ones((STEPS, n, m, len(seeds)))
+    values = np.ones((STEPS, n, len(loop.output), len(seeds)))
     slopes = consensus_jacobian(problem, next(iter(problem.network.modes)))
     if slopes is None or size > LARGEST:
         return Signs(values, length)
@@ -61,10 +61,12 @@ def worst_signs(problem: Problem, loop: Loop, *, horizon: float, seeds: Sequence
         M[: n * m, n * m :], M[n * m :, n * m :] = np.kron(np.eye(n), loop.C), np.kron(np.eye(n), loop.F)
         gains = [loop.W] * n if loop.W.ndim == 2 else list(loop.W)
         entry = np.vstack([entry, -block_diag(*gains)])
+    if loop.plant is not None:
+        entry = entry @ np.kron(np.eye(n), loop.plant.B)
     rows = np.eye(n * m, size)[[seed % (n * m) for seed in seeds]]
     step = expm(M * length)
     for k in range(STEPS):
-        response = (rows @ entry).reshape(len(seeds), n, m)
+        response = (rows @ entry).reshape(len(seeds), n, -1)
         values[STEPS - 1 - k] = np.where(np.moveaxis(response, 0, -1) < 0, -1.0, 1.0)
         rows = rows @ step
     return Signs(values, length)

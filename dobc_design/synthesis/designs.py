@@ -39,6 +39,12 @@ def _under_guarantee(problem: Problem, found: Found) -> Found:
     return replace(found, verdict=Verdict.UNDECIDED, reason=found.reason + more, statements=(), nearest=None)
 
 
+def _designed(source: Source) -> Problem:
+    problem = load_problem(source)
+    problem.require_integrators("a design")
+    return problem
+
+
 def design_observer(
     problem: Source,
     *,
@@ -61,7 +67,7 @@ def design_observer(
         >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
         'refuted'
     """
-    problem = load_problem(problem)
+    problem = _designed(problem)
     if not problem.groups:
         text = "exosystem must be given to design an observer, because it says what W estimates; got none."
         raise SpecError(text, key="exosystem", cure="dobc_design.exosystems has common shapes, constant() among them.")
@@ -102,7 +108,7 @@ def design_pinning(
         >>> found.verdict.value, list(found.gains)
         ('proved', ['gateway'])
     """
-    problem = load_problem(problem)
+    problem = _designed(problem)
     limits = {"allowed": allowed, "cost": cost, "max_gain": max_gain, "pins": pins, "digits": digits}
     limits["conservative"] = conservative
     request = read_request(problem.network.labels, rate=rate, **limits)
@@ -142,7 +148,7 @@ def design(
         >>> dd.design("clock-sync", rate="1/20", allowed=["gateway"]).verdict.value
         'proved'
     """
-    problem = load_problem(problem)
+    problem = _designed(problem)
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     how: dict[str, Any] = {"digits": digits, "reduce": reduce, "conservative": conservative}
     request = read_design_request(problem.network.labels, **how, **limits)
@@ -175,6 +181,6 @@ def trade_off(
         >>> dd.trade_off("clock-sync", pins=1, points=3).y_name
         'sum of the gains, 1/s'
     """
-    problem = load_problem(problem)
+    problem = _designed(problem)
     request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
     return trade_off_of(problem, request, curve, design=design, points=points, progress=report_to(progress))

@@ -76,8 +76,8 @@ from large import large
 from dobc_design.conditions.consensus import decide as plain
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.propose import lambda_tops
-from dobc_design.conditions.weighted.decide import confirm
-from dobc_design.conditions.weighted.propose import weighted_stage
+from dobc_design.conditions.weighted.checks import confirm
+from dobc_design.conditions.weighted.stage import weighted_stage
 
 def peak():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 2**30

@@ -8,6 +8,7 @@ from checker_cases import FAILS, HOLDS, UNREADABLE, Case, accepted_by_package, c
 from checker_mutants import FILES, Removal, removals
 from checker_removals import EQUIVALENT, noticed_by
 from cycles_cases import cycles_cases
+from dynamics_cases import dynamics_cases
 from graphs_cases import graphs_cases
 from groups_cases import groups_cases
 from margins_cases import margins_cases
@@ -28,6 +29,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     weighted_cases: (1, 1, 0),
     accuracy_cases: (1, 1, 0),
     margins_cases: (1, 1, 0),
+    dynamics_cases: (10, 31, 20),
 }
 
 
@@ -53,6 +55,8 @@ def test_the_package_says_the_same(some: Callable[[], list[Case]]):
 #: Of the other files a few: the evidence tries them all.
 FEW = (
     ("consensus", "product(P, W) == Q"),
+    ("consensus", "semidefinite(RG)"),
+    ("files", "len(echelon(file.B)[0]) == columns"),
     ("examine", "claims.problem_sha256 == p.sha256"),
     ("consensus", "not case.problem.kinked"),
     ("separable", "left >= 0"),

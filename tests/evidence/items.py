@@ -69,6 +69,7 @@ ITEMS = (
     Item(name="cures", run=certificates.cures, count=500, seed=8000, share=50),
     Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),
     Item(name="any-sign", run=local.any_sign, count=400, seed=9200, share=40),
+    Item(name="linear-agents", run=local.linear_agents, count=300, seed=0, share=30),
     Item(name="decided", run=certificates.decided, count=500, seed=9000, share=40),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=100),  # points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=200),  # the count is starts

@@ -162,7 +162,7 @@ def test_an_ensemble_shows_the_quantiles_of_its_runs():
         at = outer[np.isclose(outer[:, 0], runs.times[place]), 1]
         assert at.min() == pytest.approx(low[place])
         assert at.max() == pytest.approx(high[place])
-    assert below.get_ylabel() == "|d − d̂|∞, unit of x per s"
+    assert below.get_ylabel() == "|d − d̂|∞, unit of d"
 
 
 def test_runs_that_diverge_lift_the_upper_quantiles_and_break_nothing():

@@ -15,7 +15,7 @@ from dobc_design.problem.schema import RESERVED, json_schema
 from dobc_design.problem.settings import GUARANTEES, KEYS, SIGNALS
 
 TABLES = ("network", "coupling", "pinning", "exosystem", "observer", "formation", "region", "switching", "simulation")
-TABLES += ("uncertainty", "actuators")
+TABLES += ("uncertainty", "actuators", "dynamics")
 CONTRACT = {
     "": {"schema", "name", "notes", "target", *TABLES},
     "network": {"agents", "arrow", "modes"},
@@ -31,6 +31,7 @@ CONTRACT = {
     "simulation": {"t_final", "seed", "xi0", "x0"},
     "uncertainty": {"weights", "gains", "known_to_agents", "disturbance", "drift", "measurement"},
     "actuators": {"limit", "amplitude"},
+    "dynamics": {"A", "f", "B"},
 }
 
 

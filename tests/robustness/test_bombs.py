@@ -270,5 +270,5 @@ def test_a_small_program_does_not_take_all_memory():
     paths = [str(tests), str(tests / "support")]
     child = f"{WITHIN}sys.path[:0] = {paths}\nfrom evidence.schedules import case\nimport dobc_design as dd\n"
     child += "print(dd.certify(case(359).problem).verdict.value)"
-    ran = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True, timeout=100)
+    ran = subprocess.run([sys.executable, "-c", child], capture_output=True, text=True, timeout=100, check=False)
     assert (ran.stdout, ran.returncode) == ("refuted\n", 0), ran.stderr[-2000:]

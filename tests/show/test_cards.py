@@ -144,6 +144,7 @@ def nouns(problem: dd.Problem) -> list[Any]:
         dd.exact.decide_positive_definite(dd.exact.identity(60)),
     ]
     wanted = [
+        dd.Dynamics(A=np.eye(14).astype(int).tolist()),
         dd.poles.HalfPlane(left_of=-2),
         dd.poles.Disk(centre=-3, radius=2),
         dd.poles.Cone(damping="0.7"),

@@ -7,6 +7,7 @@ from accuracy_cases import accuracy_cases
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, cases
 from checker_mutants import FILES, Removal, Watched, removals, without
 from cycles_cases import cycles_cases
+from dynamics_cases import dynamics_cases
 from graphs_cases import graphs_cases
 from groups_cases import groups_cases
 from margins_cases import margins_cases
@@ -15,7 +16,7 @@ from region_cases import region_cases
 from tube_cases import tube_cases
 from weighted_cases import weighted_cases
 
-MORE = (tube_cases, weighted_cases, margins_cases, accuracy_cases, cycles_cases, graphs_cases)
+MORE = (tube_cases, weighted_cases, margins_cases, accuracy_cases, cycles_cases, graphs_cases, dynamics_cases)
 #: The cases to try first.
 FIRST = {
     "separable": region_cases,
@@ -44,6 +45,8 @@ EQUIVALENT = {
     "rate * each.times[-1] <= LONGEST": "it bounds the work: the weights would have to fall as far.",
     "left > 0": "it bounds the work.",
     "len(free) <= 12": "it bounds the work.",
+    "value[0] == value[1]": "f less an end of an interval is not shown to vanish at the target, which the reader asks.",
+    "1 <= columns <= m": "without columns no goal is an equilibrium, and more than m are dependent.",
 }
 
 

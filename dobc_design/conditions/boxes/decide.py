@@ -144,7 +144,7 @@ def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fractio
     size, m = problem.n * problem.m, problem.m
     if size > LARGEST:
         raise SpecError(f"the exhaustive method takes at most {LARGEST} rows n m; got {size}.", key="network.agents")
-    if not all(coupling.by_component for coupling in problem.couplings):
+    if problem.node is not None or not all(coupling.by_component for coupling in problem.couplings):
         raise SpecError("the exhaustive method needs couplings that act by component.", key="coupling.h")
     if lure.P_e.size != size:
         raise ShapeError(f"P_e must have {size} rows; got {lure.P_e.size}.", key="P_e")

@@ -55,10 +55,11 @@ class Proposal:
 
 
 def unstable_roots(statements: Statements, mode: str) -> int:
-    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity; 0 if not
-    examined.  With diagonal slopes >= 0 and scalar gains there are none (rows weakly dominated by a diagonal <= 0)."""
+    """A proved lower bound of the eigenvalues of J - K with positive real part, with multiplicity; 0 if not examined.
+    With diagonal slopes >= 0 and scalar gains >= 0 there are none (rows weakly dominated by a diagonal <= 0)."""
     nonnegative = (each.is_nonnegative_diagonal for each in _modes(statements, mode))
-    if all(nonnegative) and statements.problem.pinning.is_scalar:
+    pinning = statements.problem.pinning
+    if all(nonnegative) and pinning.is_scalar and all(k[0][0] >= 0 for k in pinning.gains.values()):
         return 0
     matrix = linear_part(statements, mode)
     return 0 if matrix is None else count_right_half_plane(characteristic_polynomial(matrix))

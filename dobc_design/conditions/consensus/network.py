@@ -207,12 +207,15 @@ def rounded(candidate: Sequence[float], *, finest: Sequence[int] = ()) -> Iterab
 def reachability_check(problem: Problem, mode: str) -> Check:
     """Decide for one mode whether every agent is reached from a pinned one."""
     check = partial(Check, id="reachability", mode=mode, domain="global")
+    own, problem = problem.origin is not None, problem.origin or problem
     arcs = [problem.network.modes[mode]]
     labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
     if not labels:
         return check(verdict=Verdict.PROVED, reason="every agent is reached from a pinned agent.")
     pins = f"no pinned agent reaches {name_agents(labels)}" if problem.pinning.agents else "there is no pinned agent"
-    reason = f"{pins}. {cure_in_words(problem, arcs)}"
+    reason = (
+        f"{pins}{', so that agents there have only their own dynamics' if own else ''}. {cure_in_words(problem, arcs)}"
+    )
     return check(verdict=Verdict.REFUTED, reason=reason, witness=Witness(kind="agents", labels=labels))
 
 
@@ -288,7 +291,8 @@ def refutation(problem: Problem, vector: Vector, *, alone: Sequence[int], roots:
     labels = tuple(problem.network.labels[i] for i in alone)
     if labels and set(moved) <= set(labels):
         hears, them = ("hears", "it") if len(labels) == 1 else ("hear", "them")
-        text = f"{name_agents(labels)} {hears} no pinned agent, so nothing pulls {them} to the target:"
+        pulls = "nothing" if problem.origin is None else "no gain"
+        text = f"{name_agents(labels)} {hears} no pinned agent, so {pulls} pulls {them} to the target:"
         moving = f"{them} alone" if len(moved) == len(labels) == 1 else them if moved == labels else name_agents(moved)
         text += f" v' Lambda v >= 0 for the vector that moves {moving}."
     else:

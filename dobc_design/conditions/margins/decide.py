@@ -97,6 +97,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, pr
     """None if everything that a proved check claims is confirmed; ``proof``: the max-separable check beside it."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
+    if problem.origin is not None:
+        return "errors of gains, and inputs, are not known for agents with [dynamics]"
     base, claim = None, read_claim(check, problem, W)
     if proof is not None and proof.verdict is Verdict.PROVED:
         base = claims.separable_from_json(proof.exact, problem)

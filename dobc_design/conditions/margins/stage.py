@@ -83,6 +83,8 @@ def is_asked(asked: Asked) -> bool:
 
 def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:
     """What the problem asks beside ``checks``, and the tolerance where there is one."""
+    if asked.problem.origin is not None:
+        return []
     proved = (check for check in checks if check.id == "max-separable" and check.verdict is Verdict.PROVED)
     proof, found = next(proved, None), list[Check]()
     report("deciding the tolerance")

@@ -37,6 +37,7 @@ from dobc_design.exact.matrix import (
 )
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import join
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import solve_in_turn
 from dobc_design.solvers.program import GIVEN_UP, Array, Program, Solution, round_matrix
@@ -354,5 +355,6 @@ def chosen_gains(problem: Problem, designs: Sequence[GainDesign | None]) -> tupl
 
 
 def observer_gain(problem: Problem) -> Matrix | None:
-    """The W that ``certify`` uses: the one given, else the designed one; None without either."""
+    """The W (q, m) that ``certify`` uses: the one given, else the designed one; None without either."""
+    problem = as_integrators(problem)
     return join(chosen_gains(problem, design_gains(problem)))

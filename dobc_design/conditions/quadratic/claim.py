@@ -117,6 +117,7 @@ def lure_matrix(
         add(added, channel.minus, channel.minus, weight)
         add(added, channel.plus, channel.minus, -weight)
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
+    added = _without_target(added, sectors.size)
     return _derivative(P_e, linear, rate) + _sandwich(P_e, inner) + SparseSymmetric(sectors.size, added)
 
 
@@ -128,7 +129,7 @@ def interval_matrix(
     linear = linear_part(sectors, mode, [channel.centre for channel in channels])
     rows, sums = P_e.rows(), [ZERO] * sectors.size
     for channel in channels:
-        for (i, j), value in _rank_two(rows[channel.target], channel).items():
+        for (i, j), value in _rank_two(rows[channel.target], channel, sectors.size).items():
             for row in {i, j}:
                 sums[row] += channel.spread * abs(value)
     bound = SparseSymmetric(sectors.size, {(i, i): value for i, value in enumerate(sums)})
@@ -147,7 +148,8 @@ def vertex_matrices(
     rows = P_e.rows()
     fixed = _derivative(P_e, linear_part(sectors, mode, [channel.low for channel in channels]), rate)
     fixed = fixed + _sandwich(P_e, _observer_block(sectors.problem, S))
-    steps = [SparseSymmetric(sectors.size, _rank_two(rows[c.target], c)).scaled(2 * c.spread) for c in free]
+    size = sectors.size
+    steps = [SparseSymmetric(size, _rank_two(rows[c.target], c, size)).scaled(2 * c.spread) for c in free]
     for corner in itertools.product((False, True), repeat=len(free)):
         yield sum(itertools.compress(steps, corner), fixed)
 
@@ -173,6 +175,7 @@ def linear_part(sectors: Sectors, mode: str, gains: Sequence[Fraction]) -> dict[
         row = rows[channel.target]
         row[channel.plus] = row.get(channel.plus, ZERO) + g
         row[channel.minus] = row.get(channel.minus, ZERO) - g
+        row.pop(sectors.size, None)
     return rows
 
 
@@ -203,13 +206,17 @@ def _sandwich(P_e: SparseSymmetric, inner: Entries) -> SparseSymmetric:
     return SparseSymmetric(size, entries)
 
 
-def _rank_two(row: Mapping[int, Fraction], channel: Channel) -> Entries:
+def _without_target(entries: Entries, size: int) -> Entries:
+    return {places: value for places, value in entries.items() if size not in places}
+
+
+def _rank_two(row: Mapping[int, Fraction], channel: Channel, size: int) -> Entries:
     """P_e b c' + c b'P_e, where ``row`` is the row of P_e at the channel's target."""
     entries: Entries = {}
     for i, p in row.items():
         add(entries, i, channel.plus, 2 * p if i == channel.plus else p)
         add(entries, i, channel.minus, -2 * p if i == channel.minus else -p)
-    return entries
+    return _without_target(entries, size)
 
 
 def _observer_block(problem: Problem, S: Matrix | None) -> Entries:

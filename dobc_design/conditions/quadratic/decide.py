@@ -101,10 +101,18 @@ def region_holds(lure: Lure, sectors: Sectors) -> bool:
 
 
 def differences(P_e: SparseSymmetric, places: Iterable[tuple[int, int]]) -> Iterator[Fraction]:
-    """c'P_e^-1 c for c = u_j - u_i, exactly: the square of the largest c'e on {e'P_e e <= 1}.  P_e > 0."""
-    diagonal = all(i == j for i, j in P_e.entries)
-    Y, own = () if diagonal else inverse(P_e.to_dense()), diagonal_of_inverse(P_e) if diagonal else []
-    return (own[i] + own[j] if diagonal else Y[i][i] + Y[j][j] - 2 * Y[i][j] for i, j in places)
+    """c'P_e^-1 c for c = u_j - u_i, exactly: the square of the largest c'e on {e'P_e e <= 1}; c = -u_i for the target,
+    whose place is after the last.  P_e > 0."""
+    diagonal, size = all(i == j for i, j in P_e.entries), P_e.size
+    Y = () if diagonal else inverse(P_e.to_dense())
+    own = diagonal_of_inverse(P_e) if diagonal else [Y[i][i] for i in range(size)]
+
+    def width(i: int, j: int) -> Fraction:
+        if j == size:
+            return own[i]
+        return own[i] + own[j] - (ZERO if diagonal else 2 * Y[i][j])
+
+    return (width(i, j) for i, j in places)
 
 
 def diagonal_of_inverse(P_e: SparseSymmetric) -> list[Fraction]:

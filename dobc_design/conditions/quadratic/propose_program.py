@@ -23,6 +23,7 @@ from dobc_design.conditions.quadratic.sectors import GainRange
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
 from dobc_design.exact.number import nearest
+from dobc_design.problem.integrators import slopes_of_nodes
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
 from dobc_design.solvers.program import Array
@@ -40,12 +41,13 @@ _NARROW: Final = 1e-9
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Template:
     """What does not depend on the radius in one mode: (3, channels) ``place``, coupling, row and column of the gain,
-    and ``where``, target, plus and minus; ``curved``: whether it may have a width."""
+    and ``where``, target, plus and minus; ``curved``: whether it may have a width; ``known``: what of it K holds."""
 
     name: str
     place: Indices
     where: Indices
     weight: Array
+    known: Array
     curved: NDArray[np.bool_]
 
 
@@ -87,7 +89,7 @@ class FloatLoop:
 
     def widths(self, Y: Array) -> Array:
         """c'Y c of every pair of ends."""
-        i, j = self.ends[:, 0], self.ends[:, 1]
+        i, j, Y = self.ends[:, 0], self.ends[:, 1], np.pad(Y, (0, 1))  # the target, whose error is 0, comes last
         return np.asarray(Y[i, i] + Y[j, j] - 2 * Y[i, j])
 
 
@@ -150,17 +152,25 @@ def make_templates(problem: Problem) -> Templates:
         own = slice(agent * m, (agent + 1) * m)
         K[own, own] = [[nearest(x) for x in row] for row in gain]
     entries = [_entries(coupling) for coupling in problem.couplings]
+    A = slopes_of_nodes(problem)
+    nodes = [
+        (problem.node, c, d, i * m + c, i * m + d, size, curved, 1.0, nearest(A[c][d]))
+        for i in range(problem.n if problem.node is not None else 0)
+        for c, d, curved in entries[-1]
+    ]
     modes = []
     for name, arcs in problem.network.modes.items():
         table = [
-            (kind, c, d, i * m + c, j * m + d, i * m + d, curved, nearest(weight))
+            (kind, c, d, i * m + c, j * m + d, i * m + d, curved, nearest(weight), 0.0)
             for i, j, weight in arcs
             for kind in (problem.coupling_place(i, j),)
             for c, d, curved in entries[kind]
         ]
-        columns = np.array(table, dtype=float).reshape(-1, 8).T
+        columns = np.array(table + nodes, dtype=float).reshape(-1, 9).T
         place, where = np.split(columns[:6].astype(np.intp), 2)
-        modes.append(_Template(name=name, place=place, where=where, curved=columns[6] > 0, weight=columns[7]))
+        modes.append(
+            _Template(name=name, place=place, where=where, curved=columns[6] > 0, weight=columns[7], known=columns[8])
+        )
     return Templates(size=size, K=K, modes=tuple(modes))
 
 
@@ -181,11 +191,12 @@ def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: A
     low, high = gains
     modes = []
     for mode in templates.modes:
-        bottom, above = mode.weight * low[tuple(mode.place)], mode.weight * high[tuple(mode.place)]
-        middle, A = (bottom + above) / 2, -templates.K
+        bottom, above = (mode.weight * end[tuple(mode.place)] - mode.known for end in (low, high))
+        middle, A = (bottom + above) / 2, np.pad(-templates.K, (0, 1))
         target, plus, minus = mode.where
         np.add.at(A, (target, plus), middle)
         np.add.at(A, (target, minus), -middle)
+        A = A[:-1, :-1]
         d = np.maximum((above - bottom) / 2, _NARROW * np.maximum(np.abs(middle), 1e-300))[mode.curved]
         modes.append(FloatMode(name=mode.name, A=A, where=mode.where[:, mode.curved], d=d))
     pairs = [np.sort(mode.where[1:].T, axis=1) for mode in modes]
@@ -199,10 +210,11 @@ def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
     blocks, n, start = [], loop.size, 0
     for mode in loop.modes:
         k, root, (target, plus, minus) = len(mode.d), np.sqrt(mode.d), mode.where
-        left = np.vstack([mode.A + loop.rate * np.eye(n), np.zeros((k, n))])
+        left = np.pad(np.vstack([mode.A + loop.rate * np.eye(n), np.zeros((k, n))]), ((0, 0), (0, 1)))
         arcs = np.arange(k)
         left[n + arcs, plus] += root
         left[n + arcs, minus] -= root
+        left = left[:, :-1]
         columns = np.zeros((n + k, 2 * k))
         columns[target, arcs] = root
         columns[n + arcs, k + arcs] = 1.0
@@ -261,8 +273,9 @@ def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: fl
         corner, other, off = np.diag([1.0, 0.0]), np.diag([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
         blocks.append(Block(constant=other, dense={lambda_: corner, R: off, share: -other}))
         blocks.append(Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other}))
-    c, pairs = np.zeros((loop.size, len(loop.ends))), np.arange(len(loop.ends))
+    c, pairs = np.zeros((loop.size + 1, len(loop.ends))), np.arange(len(loop.ends))
     c[loop.ends[:, 0], pairs], c[loop.ends[:, 1], pairs] = 1.0, -1.0
+    c = c[:-1]
     return Inequalities(
         basis=basis,
         blocks=tuple(blocks),

@@ -22,6 +22,7 @@ from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.work import spend
+from dobc_design.problem.integrators import slopes_of_nodes
 from dobc_design.problem.problem import Problem
 
 Entries = tuple[tuple[Interval, ...], ...]  # m x m
@@ -47,7 +48,8 @@ class GainRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high, weight included; indices of stacked e."""
+    """g (e[plus] - e[minus]) acts on row ``target`` of e', low <= g <= high, weight included; indices of stacked e, and
+    after the last the target, whose error is 0."""
 
     target: int
     plus: int
@@ -108,8 +110,19 @@ def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRa
 
 def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Fraction | None) -> Sectors:
     """Put claimed ranges at the arcs of every mode, weights multiplied in, exact zeros left out.  Raises: SpecError."""
-    m = problem.m
+    m, size = problem.m, problem.n * problem.m
     table = {each.coupling: each.entries for each in ranges if each.radius == radius}
+    nodes = () if problem.node is None else table.get(problem.node, ())
+    if problem.node is not None and not nodes:
+        raise SpecError(f"f needs a range at the radius {radius}.", key="ranges", cure="Make them with enclose_ranges.")
+    A = slopes_of_nodes(problem)  # which the gains of the problem hold already
+    own = [
+        Channel(target=i * m + c, plus=i * m + d, minus=size, low=gain.lo - A[c][d], high=gain.hi - A[c][d])
+        for i in range(problem.n)
+        for c, row in enumerate(nodes)
+        for d, gain in enumerate(row)
+        if gain.lo != A[c][d] or gain.hi != A[c][d]
+    ]
     modes: dict[str, tuple[Channel, ...]] = {}
     for name, arcs in problem.network.modes.items():
         channels: list[Channel] = []
@@ -119,20 +132,21 @@ def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Frac
                 what = f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m})"
                 cure = "Make them with enclose_ranges, with the same radius."
                 raise SpecError(f"{what} at the radius {radius}.", key="ranges", cure=cure)
-            own, other = listener * m, speaker * m
+            first, other = listener * m, speaker * m
             channels += [
-                Channel(target=own + c, plus=other + d, minus=own + d, low=weight * gain.lo, high=weight * gain.hi)
+                Channel(target=first + c, plus=other + d, minus=first + d, low=weight * gain.lo, high=weight * gain.hi)
                 for c, row in enumerate(entries)
                 for d, gain in enumerate(row)
                 if gain.lo or gain.hi
             ]
-        modes[name] = tuple(channels)
+        modes[name] = (*channels, *own)
     return Sectors(problem=problem, modes=modes)
 
 
 def relied_differences(problem: Problem) -> tuple[tuple[int, int], ...]:
     """The differences |e[a] - e[b]|, a < b, that ranges with a radius rely on.  Those of every arc whose coupling is
-    not linear, also where its gain is one number as far as the radius goes: a kink may lie beyond."""
+    not linear, also where its gain is one number as far as the radius goes: a kink may lie beyond.  For b = n m, the
+    target, it is |e[a]|."""
     m = problem.m
     used = {coupling: _curved_variables(coupling) for coupling in problem.couplings}
     found = {
@@ -141,6 +155,9 @@ def relied_differences(problem: Problem) -> tuple[tuple[int, int], ...]:
         for listener, speaker, _ in arcs
         for d in used[problem.coupling_of(listener, speaker)]
     }
+    if problem.node is not None:
+        own = _curved_variables(problem.couplings[problem.node])
+        found |= {(i * m + d, problem.n * m): None for i in range(problem.n) for d in own}
     return tuple(found)
 
 
@@ -157,9 +174,10 @@ def _curved_variables(coupling: Coupling) -> tuple[int, ...]:
 
 
 def used_couplings(problem: Problem) -> list[int]:
-    """The couplings that arcs use, by their places, each once, in order."""
+    """The couplings that arcs use, by their places, each once, in order; then that of the nodes."""
     modes = problem.network.modes.values()
-    return list(dict.fromkeys(problem.coupling_place(i, j) for arcs in modes for i, j, _ in arcs))
+    found = list(dict.fromkeys(problem.coupling_place(i, j) for arcs in modes for i, j, _ in arcs))
+    return found if problem.node is None else [*found, problem.node]
 
 
 def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:

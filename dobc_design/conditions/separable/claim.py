@@ -198,8 +198,8 @@ def holding_gains(problem: Problem, *, error: Fraction | int = 0) -> tuple[Fract
 
 
 def acts_by_component(problem: Problem) -> bool:
-    """Whether the certificate applies: every coupling acts by component."""
-    return all(coupling.by_component for coupling in problem.couplings)
+    """Whether the certificate applies: every coupling acts by component, and nodes have no dynamics that are curved."""
+    return problem.node is None and all(coupling.by_component for coupling in problem.couplings)
 
 
 def largest_reach(problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1) -> tuple[Fraction, ...]:

@@ -145,7 +145,8 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
         own = _flatter_claim(asked, claim, check)
         return checks.sampling_check(problem, claim, check, domain=asked.domain, W=asked.W, own=own)
 
-    return [limited("delay", asked.domain, delay), limited("sampling", asked.domain, sampling)]
+    own = problem.origin is not None  # their dynamics are not held between samples
+    return [limited("delay", asked.domain, delay), *([] if own else [limited("sampling", asked.domain, sampling)])]
 
 
 def _flatter_claim(asked: Asked, claim: Separable, check: Check) -> Separable | None:

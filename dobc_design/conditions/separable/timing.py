@@ -87,6 +87,8 @@ def verify_sampling(problem: Problem, claim: Separable, bound: SamplingBound) ->
 
 def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction], bool]) -> Fraction | str:
     """The largest sum_j w L_ij + k_cc, or why there is none: from floats if that is ``enough``, else exactly."""
+    if problem.origin is not None:
+        return "does not apply: dynamics of the agents themselves are not held between samples."
     if not claims.acts_by_component(problem) or (claim.rho is None and not problem.is_linear):
         return "does not apply: the rows of the max-separable certificate say nothing for this coupling."
     gains = [_ZERO] * problem.n

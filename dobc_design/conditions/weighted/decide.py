@@ -12,22 +12,17 @@ The rows are decided exactly for few agents, else in floats rounded outward.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.consensus.claim import ModeJacobian, Pair, Statements
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.numbers import (
     MANY_AGENTS,
-    claimed,
-    form_from_json,
-    shorten,
-    vector_from_json,
     vector_to_json,
 )
 from dobc_design.errors import ShapeError
@@ -64,25 +59,9 @@ class Weighted:
         return values if self.P is None else {**values, "P": matrix_text(self.P)}
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
-    """What a proved check of this topic claims, for this problem."""
-    values = read_object(check.exact, ("D", "w", "P") if problem.groups else ("D", "w"))
-    size = problem.n * problem.m
-    w = {
-        mode: vector_from_json(vector, size) for mode, vector in read_object(values["w"], problem.network.modes).items()
-    }
-    P = form_from_json(values["P"]) if problem.groups else None
-    return Weighted(D=vector_from_json(values["D"], size), w=w, P=P)
-
-
 ZERO = Fraction(0)
 _SMALLEST = 2.0**-240  # a product of four numbers above keeps its digits
 _ROUNDINGS = 12  # of one term, generously; those of the sums are counted
-
-
-def id_for(problem: Problem) -> str:
-    """The id of the check: one mode, or several."""
-    return "theorem1-weighted" if len(problem.network.modes) == 1 else "theorem2-weighted"
 
 
 def why_not(statements: Statements) -> str | None:
@@ -216,42 +195,3 @@ def _entries(vector: Vector | Doubles, *, exact: bool) -> NDArray[Any]:
 def _keeps_digits(*arrays: NDArray[Any]) -> bool:
     """Whether no product of these numbers loses digits below the smallest float."""
     return all(bool(((x == 0) | (np.abs(x) > _SMALLEST)).all()) for x in arrays)
-
-
-def weighted_check(id: str, statements: Statements, W: Matrix | None, claim: Weighted | None, *, rate: float) -> Check:
-    """The check of a proposed claim at a proposed rate (1/s, as it is written): proved, or undecided."""
-    undecided = Check(id=id, verdict=Verdict.UNDECIDED, domain=statements.domain, reason="")
-    reason = why_not(statements)
-    if reason is not None:
-        return replace(undecided, reason=reason, applies=False)
-    if claim is None or not holds(claim, statements, W, rate=claimed(rate)):
-        return replace(undecided, reason="no weights D were found for which the condition is proved.")
-    where = " everywhere (the couplings are linear)" if statements.domain == "global" else " near the target"
-    pace = f", V' <= -2 ({shorten(rate, digits=4):.4g}) V" if rate else ""
-    observer = " + sum eps_i' P eps_i" if claim.P is not None else ""
-    return Check(
-        id=id,
-        verdict=Verdict.PROVED,
-        domain=statements.domain,
-        rate=rate or None,
-        claim=claim,
-        reason=f"V = e'De{observer} with a weight for each agent decreases{where}{pace}.",
-    )
-
-
-def confirm(check: Check, problem: Problem, W: Matrix | None, *, statements: Statements) -> str | None:
-    """None if the claim of a proved check holds, else what does not.  Raises what a malformed claim raises."""
-    claim = read_claim(check, problem, W)
-    if check.verdict is not Verdict.PROVED or check.witness is not None:
-        return "this check is proved or undecided, without a witness"
-    if check.id != id_for(problem):
-        return f"with these modes the theorem is {id_for(problem)}"
-    if check.domain != statements.domain:
-        return f"the domain must be {statements.domain!r}"
-    if check.rate is not None and check.rate <= 0:
-        return "a rate must be > 0"
-    if (reason := why_not(statements)) is not None:
-        return reason
-    if not isinstance(claim, Weighted) or not holds(claim, statements, W, rate=claimed(check.rate or 0.0)):
-        return "the rows N w > 0 do not hold with that rate"
-    return None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain, combinations, islice
 from typing import Any
@@ -17,23 +17,19 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
-from dobc_design.conditions.check import Check, limited, undecided_check
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate
 from dobc_design.conditions.numbers import MANY_AGENTS, bisected, shorten
-from dobc_design.conditions.observer.decide import too_large
-from dobc_design.conditions.weighted.decide import Weighted, id_for, observer_bounds, weighted_check, why_not
+from dobc_design.conditions.weighted.decide import Weighted, observer_bounds
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.symmetric import Doubles
-from dobc_design.exact.work import out_of_time
-from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix, unreached
+from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, solve_cones, svec
 from dobc_design.solvers.program import Array, factored, round_matrix
-from dobc_design.verdict import Verdict
 
 PARTS = (1.0, 0.999, 0.99, 0.95, 0.9, 0.75, 0.5, 0.25, 0.1, 0.01, 0.001, 0.0)  # of the rate that is thought possible
 CLOSEST = 0.99995  # of mu where eigenvalues are known
@@ -41,7 +37,7 @@ NEARLY = 0.995
 SHARPENINGS = 30  # of the rate towards mu
 SAFE = 1 - 1e-5  # of a rate that floats show
 DROPPED, FILL = 1e-4, 10  # of incomplete factorisations
-FEW_ENTRIES = 4  # per row, up to which a factorisation stays sparse
+FEW_ENTRIES = 3  # per row, up to which a factorisation stays sparse
 FLOOR = 0.1  # the right side of inverse iteration is at least this part of its largest entry
 BISECTIONS = 8
 COMPARED = 8  # modes that are compared two by two
@@ -307,28 +303,3 @@ def _lyapunov(problem: Problem, W: Matrix, rate: float) -> Matrix | None:
             return None
         blocks.append(round_matrix((P + P.T) / 2, 9))
     return block_diagonal(blocks)
-
-
-def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
-    """The check of the weighted theorem for the gain W (q, m); none where it says no more than other checks."""
-    problem = statements.problem
-    modes = problem.network.modes
-    id = id_for(problem)
-    if why_not(statements) is not None or any(unreached(problem, [arcs]) for arcs in modes.values()):
-        return []
-    reasons = (out_of_time(), *(too_large(group.exosystem) for group in problem.groups))
-    if (reason := next(filter(None, reasons), None)) is not None:
-        return [undecided_check(id, statements.domain, reason)]
-
-    def decided() -> Check:
-        for claim, rate in proposals(statements, W):
-            check = weighted_check(id, statements, W, claim, rate=rate)
-            if check.verdict is Verdict.PROVED:
-                return check
-        check = weighted_check(id, statements, W, None, rate=0.0)
-        pair = disagreeing(problem) if len(modes) > 1 else None
-        if pair is None:
-            return check
-        return replace(check, reason=f"no weights D are found that serve the modes {pair[0]} and {pair[1]} together.")
-
-    return [limited(id, statements.domain, decided)]

@@ -13,8 +13,10 @@ from dobc_design import Check, Network, Problem, Verdict, certify, load_problem,
 from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.weighted import decide
-from dobc_design.conditions.weighted.decide import Weighted, confirm, holds, rows_hold
-from dobc_design.conditions.weighted.propose import proposals, weighted_stage
+from dobc_design.conditions.weighted.checks import confirm
+from dobc_design.conditions.weighted.decide import Weighted, holds, rows_hold
+from dobc_design.conditions.weighted.propose import proposals
+from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.symmetric import Doubles
 from dobc_design.problem.exosystems import harmonics
 from dobc_design.problem.settings import Simulation

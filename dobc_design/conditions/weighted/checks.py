@@ -1,0 +1,84 @@
+"""Checks of weighted Theorems 1 and 2: from a claim to a check of a certificate, and back."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+from dobc_design.conditions.check import Check, Claim, read_object
+from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.numbers import claimed, form_from_json, read_rational, shorten, vector_from_json
+from dobc_design.conditions.weighted import decide
+from dobc_design.conditions.weighted.decide import Weighted, why_not
+from dobc_design.conditions.weighted.network import Alike, alike_holds, network_of
+from dobc_design.exact.matrix import Matrix
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+
+def id_for(problem: Problem) -> str:
+    """The id of the check: one mode, or several."""
+    return "theorem1-weighted" if len(problem.network.modes) == 1 else "theorem2-weighted"
+
+
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
+    """What a proved check of this topic claims, for this problem."""
+    alike = "R" in (check.exact or {})
+    names = ("D", "w", "c", "R") if alike else ("D", "w", "P") if problem.groups else ("D", "w")
+    values, size = read_object(check.exact, names), problem.n * (1 if alike else problem.m)
+    known = read_object(values["w"], problem.network.modes)
+    w = {mode: vector_from_json(vector, size) for mode, vector in known.items()}
+    P = form_from_json(values["P"]) if "P" in names else None
+    weights = Weighted(D=vector_from_json(values["D"], size), w=w, P=P)
+    if not alike:
+        return weights
+    return Alike(weights=weights, strength=read_rational(values["c"]), R=form_from_json(values["R"]))
+
+
+def holds(claim: Weighted | Alike, statements: Statements, W: Matrix | None, *, rate: Fraction) -> bool:
+    """Whether the claim proves V' <= -2 rate V near the target, for the gain W (q, m) of the observer."""
+    if isinstance(claim, Alike):
+        return alike_holds(claim, statements, W, rate=rate)
+    return decide.holds(claim, statements, W, rate=rate)
+
+
+def weighted_check(
+    id: str, statements: Statements, W: Matrix | None, claim: Weighted | Alike | None, *, rate: float
+) -> Check:
+    """The check of a proposed claim at a proposed rate (1/s, as it is written): proved, or undecided."""
+    undecided = Check(id=id, verdict=Verdict.UNDECIDED, domain=statements.domain, reason="")
+    reason = why_not(statements)
+    if reason is not None and isinstance(network_of(statements), str):
+        return replace(undecided, reason=reason, applies=False)
+    if claim is None or not holds(claim, statements, W, rate=claimed(rate)):
+        return replace(undecided, reason="no weights D were found for which the condition is proved.")
+    where = " everywhere (the couplings are linear)" if statements.domain == "global" else " near the target"
+    pace = f", V' <= -2 ({shorten(rate, digits=4):.4g}) V" if rate else ""
+    observer = " + sum eps_i' P eps_i" if statements.problem.groups else ""
+    form = "e'(D (x) R)e" if isinstance(claim, Alike) else "e'De"
+    return Check(
+        id=id,
+        verdict=Verdict.PROVED,
+        domain=statements.domain,
+        rate=rate or None,
+        claim=claim,
+        reason=f"V = {form}{observer} with a weight for each agent decreases{where}{pace}.",
+    )
+
+
+def confirm(check: Check, problem: Problem, W: Matrix | None, *, statements: Statements) -> str | None:
+    """None if the claim of a proved check holds, else what does not.  Raises what a malformed claim raises."""
+    claim = read_claim(check, problem, W)
+    if check.verdict is not Verdict.PROVED or check.witness is not None:
+        return "this check is proved or undecided, without a witness"
+    if check.id != id_for(problem):
+        return f"with these modes the theorem is {id_for(problem)}"
+    if check.domain != statements.domain:
+        return f"the domain must be {statements.domain!r}"
+    if check.rate is not None and check.rate <= 0:
+        return "a rate must be > 0"
+    if not isinstance(claim, Alike) and (reason := why_not(statements)) is not None:
+        return reason
+    if not isinstance(claim, Weighted | Alike) or not holds(claim, statements, W, rate=claimed(check.rate or 0.0)):
+        return "the rows N w > 0 do not hold with that rate"
+    return None

@@ -1,0 +1,48 @@
+"""Weighted Theorems 1 and 2: when they are tried and what they report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from dobc_design.conditions.check import Check, limited, undecided_check
+from dobc_design.conditions.consensus.claim import Statements
+from dobc_design.conditions.observer.decide import too_large
+from dobc_design.conditions.weighted.checks import id_for, weighted_check
+from dobc_design.conditions.weighted.decide import why_not
+from dobc_design.conditions.weighted.network import network_of
+from dobc_design.conditions.weighted.propose import disagreeing, proposals
+from dobc_design.conditions.weighted.propose_alike import alike_proposals
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.work import out_of_time
+from dobc_design.problem.arrays import unreached
+from dobc_design.verdict import Verdict
+
+
+def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
+    """The check of the weighted theorem for the gain W (q, m); none where it says no more than other checks."""
+    problem = statements.problem
+    modes = problem.network.modes
+    id = id_for(problem)
+    network = network_of(statements) if why_not(statements) is not None else None
+    if isinstance(network, str):
+        return []
+    alone = problem if network is None else network.statements.problem
+    if any(unreached(alone, [arcs]) for arcs in modes.values()):
+        return []
+    reasons = (out_of_time(), *(too_large(group.exosystem) for group in problem.groups))
+    if (reason := next(filter(None, reasons), None)) is not None:
+        return [undecided_check(id, statements.domain, reason)]
+
+    def decided() -> Check:
+        found = proposals(statements, W) if network is None else alike_proposals(problem, network, W)
+        for claim, rate in found:
+            check = weighted_check(id, statements, W, claim, rate=rate)
+            if check.verdict is Verdict.PROVED:
+                return check
+        check = weighted_check(id, statements, W, None, rate=0.0)
+        pair = disagreeing(alone) if len(modes) > 1 else None
+        if pair is None:
+            return check
+        return replace(check, reason=f"no weights D are found that serve the modes {pair[0]} and {pair[1]} together.")
+
+    return [limited(id, statements.domain, decided)]

@@ -1,0 +1,197 @@
+"""Agents with dynamics of their own: x_i' = A x_i + B (couplings + u_i + d_i), or f(x_i) in place of A x_i.
+
+Theory, section 13.  Couplings, inputs and disturbances have p components, the inputs; the paper has A = 0 and B = I.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from dobc_design._checks import put, require_square
+from dobc_design._show.cards import Shown
+from dobc_design.coupling.coupling import Coupling, make_coupling
+from dobc_design.coupling.expression import parse_expression
+from dobc_design.coupling.tree import IntervalAlgebra, evaluate, variable_names
+from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.matrix import (
+    Matrix,
+    Vector,
+    add,
+    identity,
+    inverse,
+    multiply,
+    nullspace,
+    rank,
+    scale,
+    subtract,
+    transpose,
+)
+from dobc_design.exact.number import number_text
+from dobc_design.exact.reading import counted, is_list, read_matrix, shown
+
+_EXAMPLE = 'For example f = ["x2", "-sin(x1)"].'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Dynamics(Shown):
+    """x_i' = A x_i + B (sum_j h_ij(x_j - x_i) + u_i + d_i) of every agent; f(x_i) may stand in place of A x_i.
+
+    Shapes: A (m, m) in 1/s, f m expressions in x1..xm, B (m, p) with full column rank; without B it is the identity,
+    p = m.  Raises: ShapeError, SpecError or ExpressionError naming dynamics.A, dynamics.f or dynamics.B.
+    Example:
+        >>> dd.Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]).inputs
+        1
+    """
+
+    A: Matrix | None
+    f: tuple[str, ...] | None
+    B: Matrix
+
+    def __init__(self, *, A: Any = None, f: Any = None, B: Any = None) -> None:
+        if (A is None) is (f is None):
+            cure = 'Write A = [[0, 1], [0, 0]], or f = ["x2", "-sin(x1)"].'
+            raise wrong("dynamics", "must have either A or f, and one of them only.", cure)
+        drift, texts = None, None
+        if f is None:
+            drift = read_matrix(A, key="dynamics.A")
+            require_square(drift, name="dynamics.A")
+        else:
+            texts = _read_nodes(f)
+        m = len(drift or texts or ())
+        enters = identity(m) if B is None else read_matrix(B, key="dynamics.B")
+        if len(enters) != m:
+            what = f"must have {counted(m, 'row')}, one per state component; got {len(enters)}."
+            raise wrong("dynamics.B", what, "Row c says how the inputs act on x_c.", kind=ShapeError)
+        if rank(enters) < len(enters[0]):
+            what = "must have full column rank, so that every input acts in a way of its own."
+            raise wrong("dynamics.B", what, "Remove inputs that act like others, or not at all.")
+        put(self, A=drift, f=texts, B=enters)
+
+    @property
+    def dimension(self) -> int:
+        """m, the number of state components."""
+        return len(self.A or self.f or ())
+
+    @property
+    def inputs(self) -> int:
+        """p, the number of inputs."""
+        return len(self.B[0])
+
+    @property
+    def latex(self) -> tuple[str, ...]:
+        """LaTeX of every component of f, in x, or x_1 to x_m."""
+        m = self.dimension
+        own = [parse_expression(_renamed(text, variable_names(m)), dimension=m).latex for text in self.f or ()]
+        return tuple(re.sub(r"\by\b|\by(?=_)", "x", each) for each in own)
+
+    @property
+    def left_inverse(self) -> Matrix:
+        """(B'B)^-1 B', (p, m): what the observer watches is this times x."""
+        return multiply(inverse(multiply(transpose(self.B), self.B)), transpose(self.B))
+
+    def drift_at(self, goal: Vector) -> Vector | None:
+        """A goal or f(goal), (m,); None where that is not rational."""
+        if self.A is not None:
+            return tuple(x for (x,) in multiply(self.A, _column(goal)))
+        found = [_at(text, goal) for text in self.f or ()]
+        return None if any(each is None for each in found) else tuple(each for each in found if each is not None)
+
+    def about(self, goal: Vector) -> tuple[Matrix, Coupling | None]:
+        """The slopes A at 0 of f(goal + e) - f(goal), and this function of e itself, None where it is linear.  Raises:
+        SpecError where f or a slope of it is not rational at the goal."""
+        if self.A is not None:
+            return self.A, None
+        m, values = self.dimension, self.drift_at(goal)
+        if values is None:
+            raise wrong("dynamics.f", "must be rational at the target.", "Move the target, or what f holds, to 0.")
+        names = variable_names(m)
+        moved = [name if not x else f"({number_text(x)} + {name})" for x, name in zip(goal, names, strict=True)]
+        falls = [
+            f"({_renamed(text, moved)}) - ({number_text(x)})" for text, x in zip(self.f or (), values, strict=True)
+        ]
+        whole = make_coupling(falls[0] if m == 1 else falls, dimension=m, key="dynamics.f")
+        slopes = whole.jacobian_at_zero()
+        if whole.nonsmooth or not all(x.is_point for row in slopes for x in row):
+            raise wrong("dynamics.f", "must be smooth, with rational slopes at the target.", "Write it another way.")
+        return tuple(tuple(x.lo for x in row) for row in slopes), None if whole.is_linear else whole
+
+    def feedforward(self, goal: Vector) -> Vector | None:
+        """The constant input u0 (p,) with A goal + B u0 = 0, f(goal) in place of A goal; None if there is none, and the
+        goal is no equilibrium."""
+        found = self.drift_at(goal)
+        if found is None:
+            return None
+        pulled = _column(found)
+        u0 = scale(-1, multiply(self.left_inverse, pulled))
+        held = not any(x for (x,) in add(pulled, multiply(self.B, u0)))
+        return tuple(x for (x,) in u0) if held else None
+
+    def nearest_goal(self, goal: Vector) -> Vector | None:
+        """The goal closest to this one (in the Euclidean norm) that some constant input holds, (m,); None for f."""
+        if self.A is None:
+            return None
+        kept = subtract(identity(self.dimension), multiply(self.B, self.left_inverse))
+        N = transpose(nullspace(multiply(kept, self.A)) or ((Fraction(0),) * self.dimension,))
+        if not any(map(any, N)):
+            return (Fraction(0),) * self.dimension
+        part = multiply(inverse(multiply(transpose(N), N)), multiply(transpose(N), _column(goal)))
+        return tuple(x for (x,) in multiply(N, part))
+
+
+def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
+    """Refuse a goal that no constant input holds.  Raises: SpecError that names the nearest one that some does."""
+    if dynamics.feedforward(goal) is None:
+        near = dynamics.nearest_goal(goal)
+        drift = "f(x)" if near is None else "A x"
+        what = f"must be an equilibrium, {drift} + B u0 = 0 for some constant input u0; it is not."
+        cure = "Choose one where f(x) is rational and in the range of B."
+        raise wrong(key, what, cure if near is None else f"The nearest one is [{', '.join(map(number_text, near))}].")
+
+
+def _read_nodes(f: Any) -> tuple[str, ...]:
+    """Expressions in x1..xm (x alone where m = 1) as canonical text; the language is that of couplings, in y."""
+    if not is_list(f) or not f:
+        raise wrong("dynamics.f", "must be a list of expressions in text, one per state component.", _EXAMPLE)
+    found, errors = list[str](), list[SpecError]()
+    for place, text in enumerate(f):
+        key = f"dynamics.f[{place}]"
+        with kept(errors):
+            if not isinstance(text, str) or re.search(r"\by[0-9]*\b", text):
+                raise wrong(key, f"must be an expression in {_names(len(f))}; got {shown(text)}.", _EXAMPLE)
+            try:
+                read = parse_expression(re.sub(r"\bx([0-9]*)\b", r"y\1", text), dimension=len(f), key=key)
+            except SpecError as error:
+                cure = error.cure and re.sub(r"\by([0-9]*)\b", r"x\1", error.cure)
+                message = re.sub(r"\by([0-9]*)\b", r"x\1", error.message)
+                raise type(error)(message, key=key, cure=cure) from None
+            found.append(re.sub(r"\by([0-9]*)\b", r"x\1", str(read)))
+    raise_all(errors)
+    return tuple(found)
+
+
+def _names(m: int) -> str:
+    return "x" if m == 1 else f"x1 to x{m}"
+
+
+def _renamed(text: str, names: Sequence[str]) -> str:
+    """The text with other names in place of x1..xm (or x)."""
+    return re.sub(r"\bx([0-9]*)\b", lambda found: names[int(found[1] or 1) - 1], text)
+
+
+def _at(text: str, goal: Vector) -> Fraction | None:
+    """The value of an expression at a point; None where it is not rational, or undefined."""
+    node = parse_expression(_renamed(text, variable_names(len(goal))), dimension=len(goal)).node
+    try:
+        value = evaluate(node, tuple(map(Interval.point, goal)), IntervalAlgebra())
+    except UndefinedError:
+        return None
+    return value.lo if value.is_point else None
+
+
+def _column(v: Vector) -> Matrix:
+    return tuple((x,) for x in v)

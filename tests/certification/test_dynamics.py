@@ -1,0 +1,208 @@
+"""Agents with linear dynamics, certified: known answers, random ones against their eigenvalues, a region."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from linear_agents import DOUBLE, THRESHOLDS, judged, loop_matrix, riccati_agents, second_order
+from scipy.integrate import solve_ivp
+
+from dobc_design import Dynamics, Exosystem, Group, Network, Observer, Problem, Verdict, certify, verify
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker import examine as checker
+from dobc_design.conditions.check import Check, Values
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.integrators import as_integrators
+
+HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+NAMES = ("max-separable", "delay", "sampling", "tolerance", "accuracy", "actuators")
+
+
+def chain(n: int, **given) -> Problem:
+    """2 hears 1, 3 hears 2, ...; agent 1 is pinned with 3."""
+    network = Network.from_arcs([[i, i - 1] for i in range(2, n + 1)], arrow="listens_to", agents=n)
+    return Problem(**{"network": network, "coupling": "y1 + 2*y2", "gains": {1: 3}, "dynamics": DOUBLE} | given)
+
+
+def verified(problem: Problem):
+    """The certificate, which both programs accept."""
+    certificate = certify(problem)
+    found = verify(certificate, problem)
+    assert found.holds and found.lone_checker == "it accepts every claim", found.failures
+    return certificate
+
+
+@pytest.mark.parametrize(("pins", "gain", "ratio"), THRESHOLDS)
+def test_second_order_agents_are_stable_above_the_known_threshold_and_unstable_below(pins, gain, ratio):
+    """p'' = -a M p - b M p' (theory, section 13)."""
+    above, below = (verified(second_order(pins, gain, ratio * part)) for part in (1.01, 0.99))
+    assert (above.verdict, above.covered_by, above.check("theorem1-weighted").verdict.value) == (
+        Verdict.PROVED,
+        "linearisation",
+        "undecided",
+    )
+    assert below.verdict is Verdict.REFUTED and below.check("linearisation").verdict is Verdict.REFUTED
+
+
+def test_random_agents_are_judged_as_their_eigenvalues_say():
+    """2 to 12 agents, 2 to 4 states, 1 or 2 inputs; `make evidence` takes 300 of them."""
+    tally = judged(range(30))
+    assert tally.failures == []
+    assert min(tally.verdicts["proved"], tally.verdicts["refuted"]) >= 8
+
+
+def test_couplings_beyond_the_bound_are_proved_by_weights_for_agents_and_components():
+    """2 kappa c > 1 for a solution R of the Riccati equation: V = e'(D (x) R)e."""
+    count = 0
+    for problem in riccati_agents(range(24)):
+        certificate, count = verified(problem), count + 1
+        check = certificate.check("theorem1-weighted")
+        assert certificate.verdict is check.verdict is Verdict.PROVED, problem.name
+        assert set(check.exact) == {"D", "w", "c", "R"} and check.rate > 0
+    assert count >= 15
+
+
+def test_just_above_the_least_coupling_they_are_proved_and_just_below_refuted():
+    for part, verdict in ((1.01, Verdict.PROVED), (0.99, Verdict.REFUTED)):
+        certificates = [verified(problem) for problem in riccati_agents(range(10), part=part)]
+        assert len(certificates) >= 5 and {each.verdict for each in certificates} == {verdict}
+
+
+def test_several_modes_share_the_weights():
+    modes = {"A": [[2, 1], [3, 2]], "B": [[2, 1], [3, 1]], "C": [[3, 1], [2, 3]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=3)
+    certificate = verified(chain(3, network=network, coupling="y1 + 3*y2"))
+    check = certificate.check("theorem2-weighted")
+    assert certificate.covered_by == "theorem2-weighted" and set(check.exact["w"]) == set(modes)
+    worse = verified(chain(3, network=network, coupling="y1 - y2/100", gains={1: 1}))
+    assert worse.verdict is not Verdict.PROVED
+
+
+@pytest.mark.parametrize("W", [None, [[3], [1]], [["1/2", 3], [0, 1]]])
+def test_agents_with_a_disturbance_are_proved_as_fast_as_the_loop(W):
+    """Without W, with one for the input, and with one for both components."""
+    problem = chain(4, exosystem=HARMONIC, observer=W and Observer(W=W))
+    certificate = verified(problem)
+    true = -np.linalg.eigvals(loop_matrix(problem, certificate.claims.W)).real.max()
+    assert certificate.verdict is Verdict.PROVED and 0 < certificate.rate <= true
+
+
+def test_an_observer_that_does_not_converge_is_refuted():
+    certificate = verified(chain(3, exosystem=HARMONIC, observer=Observer(W=[[-3], [1]])))
+    assert certificate.verdict is Verdict.REFUTED and "estimation error does not decay" in certificate.reason
+
+
+def test_groups_with_different_exosystems():
+    constant = Group(agents=[2, 3], exosystem=Exosystem(A=[[0]], C=[[2]]), observer=Observer(W=[[1]]))
+    certificate = verified(chain(4, exosystem=HARMONIC, observer=Observer(W=[[3], [1]]), groups=[constant]))
+    assert certificate.verdict is Verdict.PROVED
+    assert certificate.claims.W == ((0, 3, 0, 0), (0, 1, 0, 0), (0, 0, 0, 1))
+
+
+def test_a_formation_has_the_errors_of_its_centre():
+    plain, formed = chain(3), chain(3, target=[1, 0], offsets={2: [2, 0], 3: [-1, 0]})
+    assert verified(plain).rate == verified(formed).rate
+
+
+HELD = {"-1": "proved", "1/2": "proved", "99/100": "proved", "1": "undecided", "101/100": "refuted"}
+
+
+@pytest.mark.parametrize(("a", "verdict"), HELD.items())
+def test_agents_that_flee_are_held_until_they_are_as_fast_as_their_couplings(a, verdict):
+    """x_2' = a x_2 + (x_1 - x_2): stable iff a < 1; agent 1 has the gain 3."""
+    assert verified(chain(2, dynamics=Dynamics(A=[[a]]), coupling="y")).verdict.value == verdict
+
+
+def test_reachability_is_about_the_gains_that_are_given():
+    """Without a pin agents may still settle by themselves."""
+    certificate = verified(chain(2, dynamics=Dynamics(A=[[-1]]), coupling="y", gains=None))
+    assert certificate.verdict is Verdict.PROVED
+    assert certificate.check("reachability").verdict is Verdict.REFUTED
+
+
+def test_double_integrators_without_a_pin_drift():
+    certificate = verified(chain(2, gains=None))
+    assert certificate.verdict is Verdict.REFUTED and "(1, 0)" in certificate.reason
+
+
+def unheld() -> Problem:
+    """Max-separable: every row holds; 1 is pinned with 4."""
+    region = {"initial_states": [-1, 1]}
+    return chain(3, dynamics=Dynamics(A=[["1/2"]]), coupling="y", gains={1: 4}, region=region)
+
+
+def test_delays_are_examined_but_no_sampling_and_no_errors_of_gains():
+    """A x is not held by a sampler, and a part of B K - A is no part of K."""
+    certificate = certify(unheld(), everything=True)
+    found = [check.id for check in certificate.checks if check.id in NAMES and check.verdict is Verdict.PROVED]
+    assert found == ["max-separable", "delay"]
+
+
+@pytest.mark.parametrize(
+    ("id", "exact", "rate"),
+    [
+        ("sampling", {"period": "1/100", "factor": "199/200"}, None),
+        ("tolerance", {"weights": "1/2", "gains": "1/2", "alpha": "1/1000"}, 0.001),
+    ],
+)
+def test_both_programs_refuse_such_claims(id, exact, rate):
+    """With all gains halved agent 1 still has 2, but A = 1/2 is not halved; what is held is not A x."""
+
+    problem = unheld()
+    certificate = certify(problem, everything=True)
+    forged = Check(id=id, verdict=Verdict.PROVED, domain="global", rate=rate, claim=Values(exact), reason="")
+    claims = replace(certificate.claims, checks=(*certificate.claims.checks, forged))
+    assert any(id in each for each in recheck(claims, as_integrators(problem)).failures)
+    found = [
+        title for holds, title in checker.examine(certificate_bytes(claims), canonical_bytes(problem)) if not holds
+    ]
+    assert found and found[0].startswith(id)
+
+
+def test_pendulums_stay_in_their_region():
+    """x'' = -x - x'/2 + sum sin(p_j - p_i) + u: 200 starts on the boundary of the level set, on the whole loop."""
+    n, both_ways = 3, [[1, 2], [2, 1], [2, 3], [3, 2]]
+    network = Network.from_arcs(both_ways, arrow="listens_to", agents=n)
+    spring, region = Dynamics(A=[[0, 1], [-1, "-1/2"]], B=[[0], [1]]), {"initial_states": [["9/10", "11/10"], [0, 0]]}
+    given = {"network": network, "coupling": "sin(y1)", "gains": {1: [[1, 1]]}, "target": [1, 0], "region": region}
+    problem = Problem(dynamics=spring, **given)
+    certificate = verified(problem)
+    assert certificate.verdict is Verdict.PROVED and certificate.covered_by == "lure"
+    claim = certificate.check("lure").claim
+    P, level = np.zeros((2 * n, 2 * n)), float(claim.level)
+    for (i, j), value in claim.P_e.entries.items():
+        P[i, j] = P[j, i] = float(value)
+    goal = np.array([1.0, 0.0])
+    (u0,) = spring.feedforward((Fraction(1), Fraction(0)))
+
+    rng = np.random.default_rng(0)
+    e = rng.normal(size=(200, 2 * n))
+    e *= np.sqrt(level / np.einsum("ti,ij,tj->t", e, P, e))[:, None]
+
+    def loop(_, state):
+        x = state.reshape(200, n, 2)
+        u = np.full((200, n), float(u0))
+        u[:, 0] -= (x[:, 0] - goal).sum(axis=1)
+        for i, j in both_ways:
+            u[:, i - 1] += np.sin(x[:, j - 1, 0] - x[:, i - 1, 0])
+        return np.stack([x[:, :, 1], -x[:, :, 0] - x[:, :, 1] / 2 + u], axis=2).ravel()
+
+    run = solve_ivp(loop, (0, 40), (e + np.tile(goal, n)).ravel(), method="DOP853", rtol=1e-8, atol=1e-10)
+    errors = run.y.T.reshape(-1, 200, 2 * n) - np.tile(goal, n)
+    assert np.einsum("tki,ij,tkj->tk", errors, P, errors).max() <= level * (1 + 1e-7)
+    assert np.abs(errors[-1]).max() < 0.01 * np.abs(e).max()
+
+
+def test_a_stronger_nonlinear_coupling_of_vectors_is_read_near_the_target():
+    certificate = verified(chain(3, coupling="sin(y1) + 2*y2", gains={1: [[3, 6]]}))
+    check = certificate.check("theorem1-weighted")
+    assert certificate.verdict is check.verdict is Verdict.PROVED and check.domain == "consensus"
+
+
+def test_certificates_are_about_the_problem_that_is_given():
+    problem = chain(3)
+    certificate = certify(problem)
+    assert certificate.problem == problem and certificate.problem.dynamics == DOUBLE
+    assert not verify(certificate, chain(3, dynamics=Dynamics(A=[[0, 1], [0, -1]], B=[[0], [1]]))).holds

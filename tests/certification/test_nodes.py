@@ -1,0 +1,117 @@
+"""Agents with nonlinear dynamics x' = f(x) + B (...): linearisation and quadratic regions, in both programs."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from dobc_design import Dynamics, Exosystem, Network, Problem, Verdict, certify, verify
+from dobc_design.problem.integrators import as_integrators
+
+
+def ring(n: int) -> Network:
+    return Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
+
+
+def pendulums(reach: str = "1/5", **given) -> Problem:
+    """Pendulums that hear their neighbour's angle and speed; the first one its target, too."""
+    parts = {"coupling": "2*y1 + 3*y2", "gains": {1: 3}, "region": {"initial_states": [f"-{reach}", reach]}}
+    nodes = Dynamics(f=["x2", "-sin(x1) - x2/2"], B=[[0], [1]])
+    return Problem(network=ring(2), **({"dynamics": nodes} | parts | given))
+
+
+def lorenz(gain: int) -> Problem:
+    """Pinned Lorenz systems with their classical parameters, at the origin."""
+    nodes = Dynamics(f=["10*(x2 - x1)", "28*x1 - x2 - x1*x3", "x1*x2 - 8/3*x3"])
+    return Problem(network=ring(3), coupling="20*y", gains=gain, dynamics=nodes, target=[0, 0, 0])
+
+
+def loop(problem: Problem):
+    """The whole error system (e, eps) written out by hand for a ring and a linear coupling H y."""
+    n, m = problem.n, problem.m
+    f = {"pendulum": lambda x: np.stack([x[:, 1], -np.sin(x[:, 0]) - x[:, 1] / 2], axis=1)}["pendulum"]
+    H, K = np.array([2.0, 3.0]), np.zeros((n, m))
+    K[0] = 3 * H
+
+    def slope(_, e):
+        x = e.reshape(n, m)
+        heard = (np.roll(x, -1, axis=0) - x) @ H
+        u = -np.sum(K * x, axis=1)
+        return (f(x) + np.outer(heard + u, [0.0, 1.0])).ravel()
+
+    return slope
+
+
+def test_gains_of_the_integrators_hold_the_slopes_at_the_target():
+    own = as_integrators(pendulums())
+    assert own.pinning.gains[1] == ((0, -1), (1, Fraction(1, 2)))
+    assert own.pinning.gains[0] == ((0, -1), (1 + 6, Fraction(1, 2) + 9))
+    assert own.node == 1 and own.couplings[1].texts == ("y2 - 0", "-sin(y1) - y2/2 - 0")
+
+
+@pytest.mark.slow
+def test_pendulums_are_proved_from_a_ball_that_no_run_leaves():
+    problem = pendulums()
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.PROVED and certificate.covered_by == "lure"
+    assert verify(certificate, problem).holds
+    radius, rng, slope = certificate.check("lure").domain["radius"], np.random.default_rng(0), loop(problem)
+    for _ in range(100):
+        start = rng.normal(size=4)
+        start *= radius / np.linalg.norm(start)
+        run = solve_ivp(slope, (0, 40), start, rtol=1e-9, atol=1e-12)
+        assert np.max(np.abs(run.y[:, -1])) < 1e-6
+
+
+def test_a_region_too_wide_for_sin_is_left_open():
+    """Twin: hanging pendulums turn over from far out, and other equilibria are no secret."""
+    certificate = certify(pendulums(reach="4"))
+    assert certificate.verdict is Verdict.UNDECIDED
+    assert verify(certificate, pendulums(reach="4")).holds
+
+
+@pytest.mark.slow
+def test_upright_pendulums_need_gains():
+    """x1'' = sin(x1) - x1'/2: with one pin of four it is refuted by its linearisation, with all pinned proved."""
+    upright = Dynamics(f=["x2", "sin(x1) - x2/2"], B=[[0], [1]])
+    alone = certify(pendulums(dynamics=upright, gains={1: "1/100"}))
+    assert alone.verdict is Verdict.REFUTED
+    assert certify(pendulums(dynamics=upright, gains=2)).verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [(28, Verdict.PROVED), (1, Verdict.REFUTED)])
+def test_lorenz_systems_are_held_at_the_unstable_origin_by_enough_gain(gain, verdict):
+    """Locally the origin of one system with gain k on every component is stable iff k > (sqrt(1201) - 11)/2 = 11.83."""
+    certificate = certify(lorenz(gain))
+    assert certificate.verdict is verdict and verify(certificate, lorenz(gain)).holds
+
+
+def test_a_scalar_node_away_from_the_origin():
+    """x' = x - x^3/3 + ... at xbar = 1 with u0 = -2/3: f'(1) = 0."""
+    nodes = Dynamics(f=["x - x**3/3"])
+    problem = Problem(network=ring(3), coupling="tanh(y)", gains=1, dynamics=nodes, target=1)
+    assert nodes.feedforward((Fraction(1),)) == (Fraction(-2, 3),)
+    assert as_integrators(problem).pinning.gains[0] == ((1,),)
+    certificate = certify(problem.replace(region={"initial_states": ["4/5", "6/5"]}))
+    assert certificate.verdict is Verdict.PROVED and verify(certificate, certificate.problem).holds
+
+
+@pytest.mark.slow
+def test_nodes_with_a_disturbance():
+    """The observer watches B+ x; its error does not see f."""
+    exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    region = {"initial_states": ["-1/20", "1/20"], "initial_disturbance": "1/100"}
+    problem = pendulums(exosystem=exosystem, region=region)
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.PROVED and verify(certificate, problem).holds
+
+
+def test_nodes_that_pull_by_themselves_are_not_refuted():
+    """x' = -x**3 goes to 0 without pins, although its slope there is 0: nothing is said, in both programs."""
+    pair = Network.from_arcs([["a", "b"]], arrow="listens_to")
+    for f, gains in (("-x**3", None), ("x - x**3", {"b": 1})):
+        problem = Problem(network=pair, coupling="y", dynamics={"f": [f]}, gains=gains)
+        certificate = certify(problem)
+        assert certificate.verdict is not Verdict.REFUTED
+        assert verify(certificate, problem).verdict is not Verdict.REFUTED

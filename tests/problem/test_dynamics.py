@@ -1,0 +1,193 @@
+"""[dynamics]: agents that are no integrators, as they are read, refused and written (theory, section 13)."""
+
+import json
+from fractions import Fraction
+from random import Random
+
+import numpy as np
+import pytest
+
+from dobc_design import Dynamics, Exosystem, Group, Network, Observer, Problem, load_problem
+from dobc_design.errors import ShapeError, SpecError
+from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
+from dobc_design.problem.integrators import as_integrators
+
+DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
+NET = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3)
+HARMONIC = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+FILE = """
+target = [1, 0]
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+G = [[2, 1], [3, 2]]
+[coupling]
+h = "y1 + 2*y2"
+[pinning]
+gains = { 1 = 3 }
+[dynamics]
+A = [[0, 1], [0, 0]]
+B = [[0], [1]]
+"""
+
+
+def agents(**given) -> Problem:
+    return Problem(**{"network": NET, "coupling": "y1 + 2*y2", "gains": {1: 3}, "dynamics": DOUBLE} | given)
+
+
+def written(tmp_path, text: str) -> Problem:
+    path = tmp_path / "problem.toml"
+    path.write_text(text, "utf-8")
+    return load_problem(path)
+
+
+def test_a_file_is_read_as_it_is_written_in_python(tmp_path):
+    assert written(tmp_path, FILE) == agents(target=[1, 0])
+
+
+def test_one_expression_needs_no_list_and_a_number_is_so_many_times_the_coupling():
+    problem = agents(target=[1, 0])
+    assert problem.m == 2 and problem.coupling.outputs == 1
+    assert problem.pinning.gains == {0: ((3, 6),)}
+
+
+def test_with_as_many_inputs_as_components_a_number_is_a_multiple_of_the_identity():
+    problem = agents(dynamics={"A": [[0, 1], [-1, 0]]}, coupling="y", gains={1: "1/2"})
+    assert problem.pinning.gains == {0: ((Fraction(1, 2), 0), (0, Fraction(1, 2)))}
+
+
+def test_gains_may_push_away():
+    assert agents(gains={1: [[-3, 6]]}).pinning.gains == {0: ((-3, 6),)}
+
+
+@pytest.mark.parametrize(
+    ("given", "message", "kind"),
+    [
+        ({"A": [[0, 1]]}, "dynamics.A must be square", ShapeError),
+        ({"A": [[0]], "B": [[1], [0]]}, "dynamics.B must have 1 row, one per state component; got 2.", ShapeError),
+        ({"A": [[0, 0], [0, 0]], "B": [[1, 2], [1, 2]]}, "dynamics.B must have full column rank", SpecError),
+        ({"A": [[0, 0], [0, 0]], "B": [[0], [0]]}, "dynamics.B must have full column rank", SpecError),
+        ({"A": [[0, 0], [0, 0]], "B": [[1, 0, 1], [0, 1, 0]]}, "dynamics.B must have full column rank", SpecError),
+        ({}, "dynamics must have either A or f", SpecError),
+        ({"A": [[0]], "f": ["x"]}, "dynamics must have either A or f", SpecError),
+    ],
+)
+def test_what_cannot_be_dynamics_is_named(given, message, kind):
+    with pytest.raises(kind) as caught:
+        Dynamics(**given)
+    assert message in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("given", "key", "words"),
+    [
+        ({"target": [0, 1]}, "target", ("A x + B u0 = 0", "The nearest one is [0, 0].")),
+        ({"target": [3, 1]}, "target", ("The nearest one is [3, 0].",)),
+        ({"offsets": {2: [0, 1]}}, "formation.offsets.2", ("The nearest one is [0, 0].",)),
+        ({"uncertainty": {"weights": "1/10"}}, "uncertainty", ("Remove [uncertainty].",)),
+        ({"actuators": {"limit": 3}}, "actuators", ("Remove [actuators].",)),
+        ({"coupling": ["y1", "y2"]}, "coupling.h", ("1 expression", "one per input")),
+        ({"coupling": "y"}, "coupling.h[0]", ('did you mean "y1"',)),
+        ({"gains": {1: [[1, 0], [0, 1]]}}, "pinning.gains.1", ("one row per input", "shape (2, 2)")),
+        ({"gains": {1: -1}}, "pinning.gains.1", (">= 0",)),
+        ({"coupling": "sin(y1)"}, "pinning.gains.1", ("1 x 2 matrix", "the coupling is not linear")),
+        ({"exosystem": Exosystem(A=[[0]], C=[[1], [0]])}, "exosystem.C", ("1 row, one per input of [dynamics]",)),
+        ({"exosystem": HARMONIC, "observer": Observer(W=[[1, 0, 0], [0, 1, 0]])}, "observer.W", ("column",)),
+        ({"dynamics": {"A": [[0] * 101] * 101}, "coupling": "y"}, "dynamics", ("at most 100 state components",)),
+    ],
+)
+def test_mistakes_are_named_with_key_and_cure(given, key, words):
+    with pytest.raises(SpecError) as caught:
+        agents(**given)
+    assert caught.value.key == key
+    assert all(each in str(caught.value) for each in words)
+
+
+def test_mistakes_of_a_file_name_its_key(tmp_path):
+    with pytest.raises(SpecError, match=r"dynamics\.B must have 2 rows"):
+        written(tmp_path, FILE.replace("B = [[0], [1]]", "B = [[0]]"))
+
+
+def test_a_constant_input_holds_the_goal():
+    """A x + B u0 = 0: a spring that is held 3 out needs u0 = 3 k."""
+    spring = Dynamics(A=[[0, 1], [-4, -1]], B=[[0], [2]])
+    assert spring.feedforward((Fraction(3), Fraction(0))) == (6,)
+    assert spring.feedforward((Fraction(3), Fraction(1))) is None
+    assert spring.left_inverse == ((0, Fraction(1, 2)),)
+    assert spring.nearest_goal((Fraction(3), Fraction(1))) == (3, 0)
+
+
+def test_the_nearest_goal_is_the_projection_that_numpy_finds():
+    for number in range(40):
+        r = Random(number)
+        m, p = r.randint(2, 4), r.randint(1, 2)
+        A = [[r.randint(-2, 2) for _ in range(m)] for _ in range(m)]
+        try:
+            dynamics = Dynamics(A=A, B=[[r.randint(-2, 2) for _ in range(p)] for _ in range(m)])
+        except SpecError:
+            continue
+        goal, B = np.array([r.randint(-5, 5) for _ in range(m)]), np.array(dynamics.B, dtype=float)
+        near = dynamics.nearest_goal(tuple(map(Fraction, goal.tolist())))
+        assert dynamics.feedforward(near) is not None
+        kept = (np.eye(m) - B @ np.linalg.pinv(B)) @ np.array(A, dtype=float)
+        _, sizes, rows = np.linalg.svd(kept)
+        free = rows[np.sum(sizes > 1e-9) :]
+        assert np.allclose(np.array(near, dtype=float), free.T @ free @ goal)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"target": [1, 0], "offsets": {2: [1, 0]}, "region": {"initial_states": [-1, 2]}},
+        {"coupling": "sin(y1) + y2", "gains": {1: [[1, 2]]}, "exceptions": {(1, 0): "y1"}},
+        {"exosystem": HARMONIC, "observer": Observer(W=[[3], [1]])},
+        {"exosystem": HARMONIC, "observer": Observer(W=[[3, 1], [1, 2]])},
+        {"groups": [Group(agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]]))], "exosystem": HARMONIC},
+        {"dynamics": {"A": [[-1, 1], [0, -1]], "B": [[1, 1], [0, 2]]}, "coupling": "tanh(y)", "gains": 2},
+        {"dynamics": {"f": ["x2", "-sin(x1)"], "B": [[0], [1]]}},
+    ],
+)
+def test_what_is_written_is_read_back(given):
+    problem = agents(**given)
+    data = canonical_bytes(problem)
+    assert json.loads(data)["version"] == 2
+    again = problem_from_canonical(data)
+    assert again == problem and canonical_bytes(again) == data
+    assert canonical_bytes(as_integrators(problem)) == data
+
+
+def test_version_2_and_dynamics_belong_together():
+    old, new = json.loads(canonical_bytes(load_problem("paper-fixed"))), json.loads(canonical_bytes(agents()))
+    assert old["version"] == 1 and "dynamics" not in old
+    for document in (old | {"version": 2}, new | {"version": 1}):
+        with pytest.raises(SpecError, match="version"):
+            problem_from_canonical(json.dumps(document).encode())
+
+
+def test_without_dynamics_nothing_changes():
+    problem = load_problem("paper-fixed")
+    assert problem.dynamics is None and problem.origin is None
+    assert as_integrators(problem) is problem
+
+
+def test_integrators_with_the_same_errors():
+    """B h, B K - A, B C and W B+; those of agents without a pin are -A."""
+    problem = agents(exosystem=HARMONIC, observer=Observer(W=[[3], [1]]))
+    same = as_integrators(problem)
+    assert same.origin == problem and same.dynamics is None
+    assert same.is_linear and [[float(x.lo) for x in row] for row in same.coupling.jacobian_at_zero()] == [
+        [0, 0],
+        [1, 2],
+    ]
+    assert same.pinning.gains == {0: ((0, -1), (3, 6)), 1: ((0, -1), (0, 0)), 2: ((0, -1), (0, 0))}
+    assert same.groups[0].exosystem.C == ((0, 0), (1, 0))
+    assert same.groups[0].observer.W == ((0, 3), (0, 1))
+
+
+def test_integrators_of_other_agents_are_not_equal():
+    """B K - A = 1 for both, but they are other problems."""
+    one = as_integrators(agents(dynamics={"A": [[1]]}, coupling="y", gains=2))
+    other = as_integrators(agents(dynamics={"A": [[0]]}, coupling="y", gains=1))
+    assert one.pinning == other.pinning and one != other

@@ -1,0 +1,117 @@
+"""Simulated agents with [dynamics] against SciPy's solution of the whole loop, written out with A and B."""
+
+import numpy as np
+import pytest
+from dynamic_agents import double_integrators, full_loop, matrices, pendulums, three_states
+from scipy.integrate import solve_ivp
+
+import dobc_design as dd
+from dobc_design.errors import SpecError
+from dobc_design.problem.dynamics import Dynamics
+
+PROBLEMS = [double_integrators(), three_states(), pendulums()]
+
+
+def reference(problem, start, times, limit=np.inf):
+    """x (T, n, m) and u (T, n, p) of the full loop from x, with xi = that of the run, xihat = 0."""
+    x, xi = start
+    z = -x @ matrices(problem)["W"].T
+    slope, control = full_loop(problem, limit)
+    state = np.concatenate([x.ravel(), xi.ravel(), z.ravel()])
+    found = solve_ivp(slope, (0, times[-1]), state, t_eval=times, method="DOP853", rtol=1e-11, atol=1e-12)
+    assert found.success
+    return found.y.T[:, : x.size].reshape(-1, *x.shape), np.array([control(each) for each in found.y.T])
+
+
+@pytest.mark.parametrize("observer", ["closed-form", "full-loop"])
+@pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
+def test_run_is_the_solution_of_the_full_loop(problem, observer):
+    """(1), (12), (13), (19); u has p components and holds u0."""
+    run = dd.simulate(problem, samples=41, observer=observer)
+    x, u = reference(problem, (run.x[0], run.xi[0]), run.times)
+    assert run.u.shape == run.d.shape == run.dhat.shape == (41, problem.n, problem.inputs)
+    assert np.allclose(run.x, x, atol=1e-7) and np.allclose(run.u, u, atol=1e-7)
+    assert np.allclose(run.d, run.xi @ matrices(problem)["C"].T, atol=1e-12)
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
+def test_saturation_limits_the_true_input(problem):
+    """|u_i| <= 0.7 with u0 in it; A x acts on, and the observer is told what is applied."""
+    run = dd.simulate(problem, samples=31, stress=dd.Stress(saturation=0.7))
+    x, u = reference(problem, (run.x[0], run.xi[0]), run.times, limit=0.7)
+    assert np.abs(run.u).max() == 0.7
+    assert np.allclose(run.x, x, atol=1e-6) and np.allclose(run.u, u, atol=1e-6)
+    assert run.estimation_error()[-1] < run.estimation_error()[0] or problem.name == "plants"
+
+
+def test_agent_that_fails_moves_by_its_own_dynamics():
+    """Input 0, couplings go on: a lone agent x' = A x + B u with u0 = -B+ A x falls to e^(A t) x."""
+    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
+    plant = Dynamics(A=[[0, 1], [-1, "-1/2"]], B=[[0], [1]])
+    problem = dd.Problem(network=alone, dynamics=plant, coupling="y1", target=[1, 0], gains={"a": [[1, 1]]})
+    run = dd.simulate(
+        problem, t_final=3, samples=31, start=[[1, 0]], stress=dd.Stress(failures=[dd.Failure(agent="a", time=1.0)])
+    )
+    assert np.allclose(run.u[run.times < 1], 1.0) and not run.u[run.times >= 1].any()
+    free = solve_ivp(
+        lambda t, x: [x[1], -x[0] - x[1] / 2], (1, 3), [1, 0], t_eval=run.times[10:], rtol=1e-10, atol=1e-12
+    )
+    assert np.allclose(run.x[10:, 0], free.y.T, atol=1e-7)
+    frozen = dd.Stress(failures=[dd.Failure(agent="a", time=1.0, kind="freeze")])
+    assert np.allclose(dd.simulate(problem, t_final=3, start=[[1, 0]], stress=frozen).x, [1, 0], atol=1e-9)
+
+
+def test_ensembles_are_their_single_runs():
+    """Runs side by side and one by one: errors, and d - dhat with p components."""
+    for stress in (None, dd.Stress(saturation=2.0, noise=0.01, loss=0.2, disturbance=0.1)):
+        for problem in PROBLEMS:
+            many = dd.simulate(problem, runs=3, samples=11, stress=stress)
+            one = dd.simulate(problem, seed=int(many.seeds[1]), samples=11, stress=stress)
+            assert np.allclose(many.error[1], one.error(), atol=1e-6)
+            assert np.allclose(many.estimation_error[1], one.estimation_error(), atol=1e-6)
+
+
+def test_observer_is_told_what_it_can_know():
+    """Noise acts on the A x of the observer, too; without it the estimation error is that of the closed form."""
+    problem = PROBLEMS[0]
+    calm, limited = dd.simulate(problem, samples=9), dd.simulate(problem, samples=9, stress=dd.Stress(saturation=0.5))
+    assert np.allclose(calm.d - calm.dhat, limited.d - limited.dhat, atol=1e-7)
+
+
+def test_matched_disturbance_reaches_the_state_through_b():
+    """frequency 0: a constant w per input; near the goal x' = A e + B (-K e + w), so that B K e = B w at rest."""
+    plant = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [2]])
+    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
+    problem = dd.Problem(network=alone, dynamics=plant, coupling="y1", target=[0, 0], gains={"a": [[2, 2]]})
+    run = dd.simulate(problem, t_final=40, start=[[0, 0]], stress=dd.Stress(disturbance=0.5, frequency=0.0))
+    assert run.x[-1, 0] == pytest.approx([run.d[-1, 0, 0] / 2, 0], abs=1e-7)
+
+
+def test_switching_runs_and_files(tmp_path):
+    """Two modes; a run is read back from its file with its p inputs; what is unknown is refused by its key."""
+    modes = {"one": [["a", "b"], ["b", "c"], ["c", "a"]], "two": [["b", "a"], ["c", "b"]]}
+    network = dd.Network.from_arcs(modes, arrow="listens_to", agents=["a", "b", "c"])
+    problem = PROBLEMS[0].replace(network=network, switching=dd.Switching(signal="random", dwell=0.5))
+    run = dd.simulate(problem, t_final=20, samples=21)
+    assert len(run.switches) > 10 and run.final_error < 0.1 * run.error()[0]
+    again = dd.load_trajectory(run.save(tmp_path / "run.npz"))
+    assert np.array_equal(again.u, run.u) and again.u.shape == (21, 3, 1)
+    assert dd.simulate(problem, runs=2, t_final=2, stress=dd.Stress(disturbance=0.1, worst=True)).error.shape == (
+        2,
+        401,
+    )
+
+
+def test_sampling_is_refused_by_its_key():
+    """Between samples such agents move by A: the exact steps of integrators are not theirs."""
+    with pytest.raises(SpecError, match=r"stress\.period is not known for agents with \[dynamics\]"):
+        dd.simulate(PROBLEMS[0], stress=dd.Stress(period=0.1))
+    with pytest.raises(SpecError, match=r"stress\.period"):
+        dd.what_breaks_first(PROBLEMS[0], options=["period"])
+
+
+def test_what_breaks_first_leaves_sampling_out():
+    """All other options are tried."""
+    found = dd.what_breaks_first(PROBLEMS[0], t_final=20)
+    assert "saturation" in [each.option for each in found.sweeps]
+    assert "period" not in [each.option for each in found.sweeps]

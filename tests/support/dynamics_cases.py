@@ -1,0 +1,207 @@
+"""Agents with dynamics for the lone checker: claims and problem files written by hand, and twins wrong in one place.
+
+Two double integrators, 2 hears 1, h(y) = y1 + 2 y2, agent 1 has the gain 1: G = [[0, 0], [1, 2]] and
+M = [[1, 0], [-1, 1]].  With D = (4, 1) and c = 1/2 N = D M + M'D - 2 c D = [[4, -1], [-1, 1]], N (1, 2) = (2, 1); with
+c = 3/4 N is singular.  R = [[2, 1], [1, 2]] > 0 has R G = [[1, 2], [2, 4]] >= 0 and for c = 1/2
+A'R + R A - 2 c R G + 2 b R = [[4 b - 1, 2 b], [2 b, 4 b - 2]], < 0 for b = 1/8 and not for b = 1/4.
+"""
+
+import json
+from functools import cache
+from typing import Any
+
+from checker_cases import FAILS, GONE, HOLDS, UNREADABLE, Case, Document, about, bend, network, scalar
+from region_cases import claim
+
+from dobc_design import Exosystem, Observer, Problem, certify
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.dynamics import Dynamics
+
+LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
+DOUBLE: dict[str, Any] = {"dynamics": Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]), "coupling": "y1 + 2*y2"}
+OWN = ("theorem1-weighted", "theorem2-weighted", "linearisation", "max-separable", "delay", "lure")
+D, V, R, RATE = ["4", "1"], ["1", "2"], [["2", "1"], ["1", "2"]], 0.125
+ALL_ONE = {"D": ["1", "1"], "w": {"G": ["1", "1"]}}
+
+
+def alike(rate: Any = RATE, id: str = "theorem1-weighted", **exact: Any) -> Document:
+    return claim(id, "global", rate, {"D": D, "w": {"G": V}, "c": "1/2", "R": R} | exact)
+
+
+@cache
+def problems() -> dict[str, Problem]:
+    def line(**more: Any) -> Problem:
+        return Problem(**{"network": LINE, "gains": {1: 1}} | DOUBLE | more)
+
+    def alone(a: Any, coupling: Any = "y", gain: Any = None, **more: Any) -> Problem:
+        return line(dynamics=Dynamics(A=[[a]]), coupling=coupling, gains=gain and {1: gain}, **more)
+
+    watched = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
+    planar = {"dynamics": Dynamics(A=[[-1, 0], [0, -1]]), "coupling": "y", "target": [0, 0]}
+    turned = planar | {"dynamics": Dynamics(A=[[-1, 0], [0, -1]], B=[[1, 1], [0, 1]])}
+    wide = Dynamics(A=[[-1, 0, 0], [0, -1, 0], [0, 0, -1]], B=[[1, 0], [0, 1], [0, 0]])
+    groups = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    return {
+        "line": line(),
+        "two modes": line(network=BOTH),
+        "seen": line(**watched),
+        "seen by both": line(exosystem=scalar(0), observer=Observer(W=[["1/2", 2]])),
+        "seen slowly": line(exosystem=scalar(0), observer=Observer(W=[["1/9"]])),
+        "harmonic": line(exosystem=groups, observer=Observer(W=[["16/5"], ["12/5"]])),
+        "other gains": line(gains={1: [[1, 1]]}),
+        "integrators": line(dynamics=None, target=[0, 0], coupling=["y1 + y2", "y2"]),
+        "repelled": alone(1, "-y", [[-1]]),
+        "held": alone("-3/4", "-y", [[-1]]),
+        "irrational": alone(-9, "exp(1)*y"),
+        "pushed": alone(-9, "y", [[-1]]),
+        "one falls": alone(-9, "y", exceptions={(1, 0): "-y"}),
+        "unstable": alone("1/2", "y", 4),
+        "calm": alone(-2),
+        "kinked": alone(-2, "abs(y)"),
+        "planar": line(**planar),
+        "turned": line(**turned),
+        "pendulum": line(dynamics=Dynamics(f=["x2", "-sin(x1) - x2"], B=[[0], [1]])),
+        "bent": alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"])),
+        "three": line(dynamics=wide, coupling=["y1", "y2"], gains=None, target=[0, 0, 0]),
+    }
+
+
+def case(name: str, problem: str, check: Document | None, code: int, *more: tuple[str, Document]) -> Case:
+    """The certificate of a small problem with this one claim of the topic, and the verdict that follows; ``more``:
+    changes of the check with an id."""
+    document = json.loads(certificate_bytes(certify(problems()[problem]).claims))
+    document["checks"] = [each for each in document["checks"] if each["id"] not in OWN] + [check] * (check is not None)
+    for id, changes in more:
+        bend(next(each for each in document["checks"] if each["id"] == id), changes)
+    ids = (*OWN[:4], "lure", "theorem1" if document["observer"]["W"] else "lemma1")
+    covering = [each for each in document["checks"] if each["id"] in ids and each["verdict"] == "proved"]
+    best = max(covering, key=lambda each: each["rate"] or 0, default=None)
+    failed = any("unstable_roots" in (each.get("exact") or {}) for each in document["checks"])
+    failed = failed and any((each.get("exact") or {}).get("unstable_roots", "0") != "0" for each in document["checks"])
+    document["verdict"] = "proved" if best else "refuted" if failed else "undecided"
+    document["rate"], document["covered_by"] = (best["rate"], best["id"]) if best else (None, None)
+    return Case(f"{problem}: {name}", json.dumps(document).encode(), canonical_bytes(problems()[problem]), code)
+
+
+def changed(name: str, problem: str, code: int = UNREADABLE, **changes: Any) -> Case:
+    """The certificate of a problem beside its file with changes; "observer.W" is W of the observer."""
+    plain = case("", problem, None, HOLDS)
+    file, certificate = json.loads(plain.problem), json.loads(plain.certificate)
+    for path, value in changes.items():
+        *places, last = path.split("__")
+        holder = file
+        for place in places:
+            holder = holder[place]
+        bend(holder, {last: value})
+    return about(file, certificate, name=f"{problem}: {name}", code=code)
+
+
+@cache
+def dynamics_cases() -> list[Case]:
+    one, negative = {"R": [["1"]]}, {"D": ["1", "1"], "w": {"G": ["2", "1"]}, "c": "-1/2", "R": [["1"]]}
+    both = {"A": V, "B": V}
+    lines = [
+        ("by hand", alike(), HOLDS),
+        ("no rate", alike(None), HOLDS),
+        ("the rate at which the matrix is singular", alike(0.25), FAILS),
+        ("a rate below 0", alike(-0.125), FAILS),
+        ("c too large for the network", alike(None, c="3/4"), FAILS),
+        ("c too small for R", alike(None, c="1/8"), FAILS),
+        ("w too steep", alike(w={"G": ["1", "4"]}), FAILS),
+        ("w too flat", alike(w={"G": ["1", "1"]}), FAILS),
+        ("another mode", alike(w={"H": V}), FAILS),
+        ("a mode too many", alike(w={"G": V, "H": V}), FAILS),
+        ("no positive D", alike(D=["4", "-1"]), FAILS),
+        ("weights for every component", alike(D=["4", "4", "1", "1"]), FAILS),
+        ("R is not symmetric", alike(R=[["2", "1"], ["11/10", "2"]]), FAILS),
+        ("R G is not symmetric", alike(R=[["2", "1"], ["1", "3"]]), FAILS),
+        ("R of another size", alike(**one), FAILS),
+        ("a key too many", alike(P=[["1"]]), FAILS),
+        ("a margin", alike() | {"margin": 1}, FAILS),
+        ("for several modes", alike(id="theorem2-weighted"), FAILS),
+        ("no values", {key: value for key, value in alike().items() if key != "exact"}, FAILS),
+        ("no network of integrators", alike(w={"G": ["1"] * 4}, D=["1"] * 4), FAILS),
+    ]
+    found = [case(name, "line", check, code) for name, check, code in lines]
+    found += [
+        case("by hand", "two modes", alike(id="theorem2-weighted", w=both), HOLDS),
+        case("one mode is missing", "two modes", alike(id="theorem2-weighted", w={"A": V}), FAILS),
+        case("fails in the second", "two modes", alike(id="theorem2-weighted", w=both | {"B": ["1", "4"]}), FAILS),
+        case("by hand", "seen", alike(), HOLDS),
+        case("by hand", "seen by both", alike(), HOLDS),
+        case("faster than the observer", "seen slowly", alike(), FAILS),
+        case("as slow as the observer", "seen slowly", alike(0.0625), HOLDS),
+        case("by hand", "harmonic", alike(), HOLDS),
+        case("no multiples of one matrix", "other gains", alike(), FAILS),
+        case("of integrators", "integrators", alike(), FAILS),
+        # R < 0 shows that e grows; with R > 0 and R G < 0 nothing follows: there e' = (M - 3/4) e.
+        case("R < 0", "repelled", alike(None, R=[["-1"]]), FAILS),
+        case("R G < 0", "held", alike(None, **one), FAILS),
+        case("a slope that is not rational", "irrational", alike(None, **negative), FAILS),
+        case("a gain that pushes", "pushed", alike(None, **negative | {"c": "-2"}), FAILS),
+        case("a slope that falls", "one falls", alike(None, **negative | {"c": "-2"}), FAILS),
+        case("a kink", "kinked", alike(None, **negative) | {"domain": "consensus"}, FAILS),
+        # M = [[7/2, 0], [-1, 1/2]], N = D M + M'D = [[7, -1], [-1, 1]].
+        case("gains less than what the agents do", "unstable", claim("theorem1-weighted", "global", None, ALL_ONE | {
+            "w": {"G": ["1", "2"]}}), HOLDS),
+        case("reached without a pin", "calm", None, FAILS, ("reachability", {"verdict": "proved", "witness": GONE})),
+        case("without a pin", "calm", None, HOLDS),
+    ]  # fmt: skip
+    box = {"kind": "box", "radius": 1, "disturbance": 0}
+    rows = claim("max-separable", box, 0.25, {"v": ["1", "1"], "alpha": "1/4", "rho": "1"})
+    found.append(case("rows do not know what is left of f", "bent", rows, FAILS))
+    return [*found, *_held(), *_files()]
+
+
+def _held() -> list[Case]:
+    """What would be true of integrators: values that are held, gains that are wrong by a part.  2 hears 1, k = 5/2,
+    A = 1/2: the rows hold for v = (1, 2) and alpha = 1/4, and so would those of a period of 1/4."""
+    plain = case("rows", "unstable", claim("max-separable", "global", 0.25, {"v": ["1", "4"], "alpha": "1/4",
+        "rho": None}), HOLDS)  # fmt: skip
+    found = [plain]
+    for more in (
+        claim("delay", "global", 0.125, {"delay": "1/8", "rate": "1/8"}),
+        claim("sampling", "global", None, {"period": "1/8", "factor": "31/32"}),
+        claim("tolerance", "global", 0.125, {"weights": "1/100", "gains": "1/100", "alpha": "1/8"}),
+    ):
+        document = json.loads(plain.certificate)
+        document["checks"].append(more)
+        code = HOLDS if more["id"] == "delay" else FAILS
+        found.append(Case(f"unstable: {more['id']}", json.dumps(document).encode(), plain.problem, code))
+    return found
+
+
+def _files() -> list[Case]:
+    flat = {"A": [["-1", "0"], ["0", "-1"]]}
+    return [
+        changed("version 1", "line", version=1),
+        changed("a version 2 of integrators", "integrators", version=2),
+        changed("dynamics are no object", "line", dynamics=[]),
+        changed("no B", "line", dynamics__B=GONE),
+        changed("B is no list", "line", dynamics__B={"0": 1}),
+        changed("B is a row", "line", dynamics__B=["1", "0"]),
+        changed("A and f", "line", dynamics__f=["x2", "0"]),
+        changed("f in y", "pendulum", dynamics__f=["y2", "-sin(x1) - x2"]),
+        changed("f of x3", "pendulum", dynamics__f=["x2", "-sin(x3) - x2"]),
+        changed("f of x0", "pendulum", dynamics__f=["x2", "-sin(x0) - x2"]),
+        changed("f is one text", "pendulum", dynamics__f="x2"),
+        changed("f is not rational at the target", "pendulum", target=["1", "0"]),
+        changed("f has a kink", "pendulum", dynamics__f=["x2", "1 - abs(x1 - 1) - x2"]),
+        changed("f has an irrational slope", "pendulum", dynamics__f=["x2", "-exp(1)*x1 - x2"]),
+        changed("f does not rest at the target", "pendulum", dynamics__f=["x2 + 1", "-sin(x1) - x2"]),
+        changed("a formation of pendulums", "pendulum", offsets=[[1, ["1", "0"]]]),
+        changed("A is not square", "line", dynamics__A=[["0", "1"]]),
+        changed("a key too many", "line", dynamics__C=[["1"]]),
+        changed("no inputs", "planar", dynamics=flat | {"B": [[], []]}, coupling__h=[], gains=[]),
+        changed("dependent columns", "planar", dynamics=flat | {"B": [["1", "1"], ["0", "0"]]}),
+        changed("a goal that nothing holds", "line", target=["0", "1"]),
+        changed("an offset that nothing holds", "line", offsets=[[1, ["0", "1"]]]),
+        changed("two expressions for one input", "line", coupling__h=["y1", "y2"]),
+        changed("one expression in y for two inputs", "three", coupling__h="y"),
+        changed("a gain of all components", "line", gains=[[0, [["1", "0"], ["0", "1"]]]]),
+        changed("W is a number", "seen", observer__W=2),
+        changed("W is an object", "seen", observer__W={"0": ["1"]}),
+        changed("W of neither width", "seen", observer__W=[["1", "0", "0"]]),
+        changed("C of all components", "seen", exosystem__C=[["1"], ["0"]]),
+    ]

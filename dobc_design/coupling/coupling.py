@@ -144,6 +144,9 @@ def make_coupling(h: Any, *, dimension: int, outputs: int | None = None, key: st
     h, count = _text(h), dimension if outputs is None else outputs
     h = [h] if count == 1 < dimension and not is_list(h) else h
     if isinstance(h, str) and not isinstance(h, NumberText):
+        if count != dimension:
+            what = f"must be a list of {counted(count, 'expression')}, one per input; got {shown(h)}."
+            raise wrong(key, what, f"Give a list in {tree.names_in_words(dimension)}.", kind=ShapeError)
         _refuse_numbered_names(h, dimension=dimension, key=key)
         return Coupling(components=(parse_expression(h, key=key),), by_component=True, dimension=dimension, key=key)
     if not is_list(h):

@@ -89,6 +89,11 @@ def test_what_cannot_be_dynamics_is_named(given, message, kind):
         ({"actuators": {"limit": 3}}, "actuators", ("Remove [actuators].",)),
         ({"coupling": ["y1", "y2"]}, "coupling.h", ("1 expression", "one per input")),
         ({"coupling": "y"}, "coupling.h[0]", ('did you mean "y1"',)),
+        (
+            {"coupling": "y", "dynamics": {"A": [[0] * 3] * 3, "B": [[1, 0], [0, 1], [0, 0]]}, "target": [0] * 3},
+            "coupling.h",
+            ("a list of 2 expressions, one per input", "y1 to y3"),
+        ),
         ({"gains": {1: [[1, 0], [0, 1]]}}, "pinning.gains.1", ("one row per input", "shape (2, 2)")),
         ({"gains": {1: -1}}, "pinning.gains.1", (">= 0",)),
         ({"coupling": "sin(y1)"}, "pinning.gains.1", ("1 x 2 matrix", "the coupling is not linear")),

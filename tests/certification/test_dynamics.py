@@ -46,6 +46,19 @@ def test_second_order_agents_are_stable_above_the_known_threshold_and_unstable_b
     assert below.verdict is Verdict.REFUTED and below.check("linearisation").verdict is Verdict.REFUTED
 
 
+@pytest.mark.parametrize(("pins", "gain", "ratio"), THRESHOLDS)
+def test_weights_prove_second_order_agents_from_one_over_the_rate_of_first_order_ones(pins, gain, ratio):
+    """R B = H' and A'R + R A - 2 c H'H < 0 have a solution iff c b^2 > a; the largest c is mu, the least real part of
+    an eigenvalue of M: b^2/a > 1/mu, which is 3 to 5 times the true threshold."""
+    table = np.diag([gain + pins.get(i, 0) for i in range(1, 11)]) - gain * np.roll(np.eye(10), 1, axis=1)
+    least = 1 / np.linalg.eigvals(table).real.min()
+    assert 3 * ratio < least < 5 * ratio
+    above, below = (certify(second_order(pins, gain, part * least)) for part in (1.01, 0.99))
+    assert above.check("theorem1-weighted").verdict is Verdict.PROVED and verify(above, above.problem).holds
+    assert below.check("theorem1-weighted").verdict is Verdict.UNDECIDED
+    assert below.covered_by == "linearisation"
+
+
 def test_random_agents_are_judged_as_their_eigenvalues_say():
     """2 to 12 agents, 2 to 4 states, 1 or 2 inputs; `make evidence` takes 300 of them."""
     tally = judged(range(30))

@@ -11,7 +11,7 @@ from functools import cache
 from typing import Any
 
 from checker_cases import FAILS, GONE, HOLDS, UNREADABLE, Case, Document, about, bend, network, scalar
-from region_cases import claim
+from region_cases import claim, second_box
 
 from dobc_design import Exosystem, Observer, Problem, certify
 from dobc_design.certificate.text import certificate_bytes
@@ -19,6 +19,7 @@ from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
 
 LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
+BOTH_WAYS, WIDE = network([[1, 2], [2, 1]], agents=2), {"initial_states": [-5, 5]}
 DOUBLE: dict[str, Any] = {"dynamics": Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]), "coupling": "y1 + 2*y2"}
 OWN = ("theorem1-weighted", "theorem2-weighted", "linearisation", "max-separable", "delay", "lure")
 D, V, R, RATE = ["4", "1"], ["1", "2"], [["2", "1"], ["1", "2"]], 0.125
@@ -63,6 +64,7 @@ def problems() -> dict[str, Problem]:
         "turned": line(**turned),
         "pendulum": line(dynamics=Dynamics(f=["x2", "-sin(x1) - x2"], B=[[0], [1]])),
         "bent": alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"])),
+        "second": line(network=BOTH_WAYS, coupling="sin(y)", dynamics=Dynamics(f=["-x**3"]), gains="1/10", region=WIDE),
         "three": line(dynamics=wide, coupling=["y1", "y2"], gains=None, target=[0, 0, 0]),
     }
 
@@ -79,6 +81,8 @@ def case(name: str, problem: str, check: Document | None, code: int, *more: tupl
     best = max(covering, key=lambda each: each["rate"] or 0, default=None)
     failed = any("unstable_roots" in (each.get("exact") or {}) for each in document["checks"])
     failed = failed and any((each.get("exact") or {}).get("unstable_roots", "0") != "0" for each in document["checks"])
+    if check is not None and check["verdict"] == "refuted":
+        best, failed = None, True
     document["verdict"] = "proved" if best else "refuted" if failed else "undecided"
     document["rate"], document["covered_by"] = (best["rate"], best["id"]) if best else (None, None)
     return Case(f"{problem}: {name}", json.dumps(document).encode(), canonical_bytes(problems()[problem]), code)
@@ -151,6 +155,7 @@ def dynamics_cases() -> list[Case]:
     box = {"kind": "box", "radius": 1, "disturbance": 0}
     rows = claim("max-separable", box, 0.25, {"v": ["1", "1"], "alpha": "1/4", "rho": "1"})
     found.append(case("rows do not know what is left of f", "bent", rows, FAILS))
+    found.append(case("an equilibrium that f moves", "second", second_box(), FAILS))
     return [*found, *_held(), *_files()]
 
 

@@ -192,7 +192,7 @@ class Problem(Shown):
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
     Further attributes: couplings, the default one and those of the exceptions, each once; exception_places, the place
     among them of the coupling of every arc with its own; origin, the problem with [dynamics] whose errors this one has
-    (``problem.integrators``), else None, and node, the place of what every agent feels of its own error.
+    (``as_integrators``), else None, and node, the place of what every agent feels of its own error.
     Raises: SpecError (or ShapeError, ExpressionError) that names every wrong key.
     Example:
         >>> network = dd.Network.from_arcs([["tail", "head"]], arrow="listens_to")

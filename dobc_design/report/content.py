@@ -266,13 +266,11 @@ def _target(problem: Problem) -> str:
 
 def _letters(problem: Problem) -> doc.Words:
     """What the letters of the equations mean."""
+    neighbours = ("Here ", doc.Math("N_i", "N_i"), " are the agents that i listens to, ")
+    heard = (*neighbours, doc.Math("w_ij", "w_{ij}"), " weights (1 unless said), ")
     if problem.dynamics is not None:
         return (
-            "Here ",
-            doc.Math("N_i", "N_i"),
-            " are the agents that i listens to, ",
-            doc.Math("w_ij", "w_{ij}"),
-            " weights (1 unless said), ",
+            *heard,
             doc.Math("e_i", "e_i"),
             f" how far agent i is from the target{' plus its offset' if problem.offsets else ''}, ",
             doc.Math("K_i", "K_i"),
@@ -282,11 +280,7 @@ def _letters(problem: Problem) -> doc.Words:
         )
     formation = (" Agents keep their formation: ", doc.Math("x_i", "x_i"), " is measured from the offset of agent i.")
     return (
-        "Here ",
-        doc.Math("N_i", "N_i"),
-        " are the agents that i listens to, ",
-        doc.Math("w_ij", "w_{ij}"),
-        " weights (1 unless said), ",
+        *heard,
         doc.Math("k_i", "k_i"),
         " the gain of a pin (a number or a matrix), 0 without one.",
         *(formation if problem.offsets else ()),

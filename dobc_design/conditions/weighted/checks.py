@@ -48,7 +48,7 @@ def weighted_check(
     """The check of a proposed claim at a proposed rate (1/s, as it is written): proved, or undecided."""
     undecided = Check(id=id, verdict=Verdict.UNDECIDED, domain=statements.domain, reason="")
     reason = why_not(statements)
-    if reason is not None and isinstance(network_of(statements), str):
+    if reason is not None and not isinstance(claim, Alike) and isinstance(network_of(statements), str):
         return replace(undecided, reason=reason, applies=False)
     if claim is None or not holds(claim, statements, W, rate=claimed(rate)):
         return replace(undecided, reason="no weights D were found for which the condition is proved.")

@@ -1,4 +1,4 @@
-"""Proposals for weighted Theorems 1 and 2 (rates, weights D, vectors w, the observer's P), and when they are tried.
+"""Proposals for weighted Theorems 1 and 2: rates, weights D, vectors w, the observer's P; no proofs.
 
 For beta below the least real part mu of an eigenvalue of M, w = (M - beta I)^-1 1 and u = (M - beta I)^-T 1 are
 positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive definite (theory, section 10).

@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "dobc_design"
 
 # Third-party packages (import names) of every room; a room that is not here may have none.
-NUMBERS, PLOTS = {"numpy", "scipy"}, {"matplotlib", "numpy", "PIL"}  # Pillow, which comes with Matplotlib, writes GIFs
+NUMBERS, PLOTS = {"numpy", "scipy"}, {"matplotlib", "numpy"}
 THIRD_PARTY = {
     "_show": {"latex2mathml", "rich"},
     "analysis": {"control", "networkx", *NUMBERS},
@@ -33,7 +33,7 @@ THIRD_PARTY = {
     "conditions": NUMBERS,
     "coupling": {"numpy"},
     "designer": {"anywidget", "numpy", "traitlets"},
-    "exact": {"flint", "numpy"},
+    "exact": {"flint", *NUMBERS},
     "export": {"control", "jinja2", "sympy", *NUMBERS},  # what is exported to
     "falsification": NUMBERS,
     "importing": NUMBERS,

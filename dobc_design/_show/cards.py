@@ -88,12 +88,15 @@ class Told(Shown):
 
 
 class Headed(Shown):
-    """Shows itself at the prompt by the first line of its text."""
+    """Shows itself at the prompt by the first line of its text, which is the text of its card."""
 
     __slots__ = ()
 
+    def __str__(self) -> str:
+        return text_of(self._card())
+
     def __repr__(self) -> str:
-        return f"<{type(self).__name__} of {str(self).partition(chr(10))[0]}>"
+        return f"<{type(self).__name__} of {cut(str(self).partition(chr(10))[0])}>"
 
 
 def own_fields(value: object) -> Iterator[tuple[str, Any]]:
@@ -120,6 +123,18 @@ def html_of(card: Card) -> str:
     parts += [f"<p>{escape_html(cut(line))}</p>" for line in card.lines[:MOST_ITEMS]]
     parts.append(_more(len(card.lines) - MOST_ITEMS))
     return f'<div class="dobc-shown">{STYLE}{"".join(parts)}</div>'
+
+
+def text_of(card: Card) -> str:
+    """The card as text: title, verdict and words; below them facts, the table in columns, and sentences."""
+    verdict = "" if card.verdict is None else f" {card.verdict.upper()}."
+    head = f"{card.title}:{verdict} {card.text}" if card.verdict or card.text else card.title
+    facts = (f"{name}: {plain(value, quoted=False)}" for name, value in card.facts)
+    cells = [["–" if x is None else x if isinstance(x, str) else plain(x) for x in row] for row in card.rows]
+    rows = [*([list(card.heads)] if any(card.heads) else []), *cells]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    table = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+    return "\n  ".join([head, *facts, *table, *card.lines])
 
 
 def latex_of(card: Card) -> str | None:

@@ -205,11 +205,8 @@ class Analysis(Headed):
         observer += [] if self.spectrum is None else [str(self.spectrum)]
         return (*observer, *map(str, self.graphs), *map(str, self.modes))
 
-    def __str__(self) -> str:
-        return "\n".join([f"{self.name} (diagnostics, not proofs)", *(f"  {line}" for line in self.lines)])
-
     def _card(self) -> Card:
-        return Card(title=self.name, text="(diagnostics, not proofs)", lines=self.lines)
+        return Card(title=self.name, text="diagnostics, not proofs", lines=self.lines)
 
 
 def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:

@@ -19,13 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
-from dobc_design.certificate.regions import certified_settling, error_share, lure_and_level
 from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
+from dobc_design.conditions.schedule.checks import settling_of
+from dobc_design.conditions.schedule.claim import Descent
 from dobc_design.conditions.schedule.cycles import Cycles, phases_of, shrunk
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable
@@ -48,7 +49,7 @@ IN_HAND: Final = 1e-12
 _root = partial(root_above, unit=10**18)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Starts:
     """Starts with |e|_inf <= box, |e| <= ball (Euclidean, all agents stacked) and |eps_i| <= disturbance."""
 
@@ -106,7 +107,7 @@ def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[E
     """Bounds that hold for all of ``starts``, from every proved check whose domain holds them."""
     for check in claims.checks:
         if check.verdict is Verdict.PROVED and check.kind.is_consensus and is_inside(check.domain, starts):
-            found = _envelope(problem, check, claim_of(check, problem, claims.W), starts)
+            found = envelope_of(problem, check, claim_of(check, problem, claims.W), starts)
             if found is not None:
                 yield found
     lemmas = [check for check in claims.checks if check.id == "lemma1"]
@@ -114,6 +115,16 @@ def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[E
     rates = [check.rate for check in proved if check.rate is not None]
     if not problem.groups and lemmas and len(rates) == len(lemmas):
         yield Envelope(id="lemma1", height=starts.ball, rate=claimed(min(rates)))
+
+
+def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
+    """The settling time that ``claims`` prove, with its envelope; None without one.  Raises: CertificateError."""
+    with reading_claims():
+        found = next((check for check in claims.checks if check.id == "settling"), None)
+        if found is None or found.verdict is not Verdict.PROVED:
+            return None
+        descent = claim_of(found, problem, claims.W)
+        return settling_of(problem, descent, found.reason) if isinstance(descent, Descent) else None
 
 
 def is_inside(domain: object, starts: Starts) -> bool:
@@ -125,7 +136,7 @@ def is_inside(domain: object, starts: Starts) -> bool:
     return reach <= claimed(domain["radius"]) * room and starts.disturbance <= claimed(domain["disturbance"]) * room
 
 
-def _envelope(problem: Problem, check: Check, claim: Claim | None, starts: Starts) -> Envelope | None:
+def envelope_of(problem: Problem, check: Check, claim: Claim | None, starts: Starts) -> Envelope | None:
     """The bound of one check; None for one that gives none by itself."""
     domain, disturbance = check.domain, starts.disturbance
     radius = starts.box if isinstance(claim, Separable | Cycles) else starts.ball
@@ -135,7 +146,7 @@ def _envelope(problem: Problem, check: Check, claim: Claim | None, starts: Start
         first = radius / claim.least + error_share(claim, disturbance, unit=10**18)
         return Envelope(id=check.id, height=first * max(claim.v), rate=composite_rate(claim))
     if isinstance(claim, Cycles) and claim.rate is not None:
-        return _envelope_of_weights(problem, claim, radius, disturbance)
+        return _bound_of_weights(problem, claim, radius, disturbance)
     if isinstance(claim, Lure | Shell):
         lure, level = lure_and_level(claim)
         first = eigenvalue_bound(lure.P_e) * radius**2 + _errors(problem, lure.P, disturbance)
@@ -148,7 +159,19 @@ def _envelope(problem: Problem, check: Check, claim: Claim | None, starts: Start
     return None
 
 
-def _envelope_of_weights(problem: Problem, claim: Cycles, radius: Fraction, disturbance: Fraction) -> Envelope:
+def error_share(claim: Separable | Cycles, disturbance: Fraction, *, unit: int) -> Fraction:
+    """What |eps_i| <= disturbance may take of V of weights: kappa s sqrt(size), rounded up to 1/unit."""
+    if claim.error is None:
+        return Fraction(0)
+    return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=unit)
+
+
+def lure_and_level(claim: Lure | Shell) -> tuple[Lure, Fraction | None]:
+    """The quadratic V of a claim, and the level that holds its starts."""
+    return (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
+
+
+def _bound_of_weights(problem: Problem, claim: Cycles, radius: Fraction, disturbance: Fraction) -> Envelope:
     """V falls at the rate from the beginning of one phase to the next, and never rises; |e_i| <= v_i V in between."""
     rate, begun = claim.rate or Fraction(0), zip(phases_of(problem), claim.phases, strict=True)
     first = radius / min(x for phase, each in begun if phase.first for x in each.v[0])

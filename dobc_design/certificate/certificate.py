@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dobc_design._show.cards import Card, Shown, cut
+from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import latex_text
-from dobc_design.certificate.bounds import CertifiedBound, RunLike, certified_bound
+from dobc_design.certificate.bounds import CertifiedBound, RunLike, certified_bound, certified_settling
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.certificate.files import make_folder, require_own, write_together
-from dobc_design.certificate.regions import Regions, certified_regions, certified_settling
+from dobc_design.certificate.regions import Regions, certified_regions
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.schedule.cycles import Cycles, Phase, Weights, phases_of
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Certificate(Shown):
+class Certificate(Headed):
     """A problem and the claims about it; shows itself as text, and as a table in Jupyter.
 
     ``verdict``, ``reason``, ``rate`` (1/s), ``covered_by`` and ``checks`` are the same facts as in
@@ -159,11 +159,6 @@ class Certificate(Shown):
         write_together(files | {target / name: data for name, data in (beside or {}).items()})
         return certificate, problem
 
-    def __str__(self) -> str:
-        rows = [f"{self.problem.name}: {self.verdict.value.upper()}. {self.reason}"]
-        rows += [f"  {check.title:<24} {check.verdict.value:<10} {check.reason}" for check in self.checks]
-        return "\n".join(rows)
-
     def _repr_latex_(self) -> str:
         return rf"${latex_text(self.problem.name)}\text{{: {self.verdict.value}}}$"
 
@@ -178,6 +173,3 @@ class Certificate(Shown):
             heads=("check", "verdict", "reason"),
             rows=[(check.title, check.verdict, check.reason) for check in self.checks],
         )
-
-    def __repr__(self) -> str:
-        return f"<Certificate of {self.problem.name}: {self.verdict.value}. {cut(self.reason)}>"

@@ -8,24 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from typing import Any, Final
 
-from dobc_design._show.cards import Card, Shown
+from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import significant, significant_towards_zero
+from dobc_design.certificate.bounds import Starts, envelope_of, error_share
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
-from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.conditions.numbers import LARGEST, claimed, rounded_down, rounded_up
 from dobc_design.conditions.quadratic.claim import Lure
-from dobc_design.conditions.quadratic.decide import eigenvalue_bound
-from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import SETTLED, Descent
-from dobc_design.conditions.schedule.cycles import Cycles
-from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable, largest_reach
 from dobc_design.coupling.enclosures import Curve, profile
 from dobc_design.exact.interval import UndefinedError
@@ -98,7 +95,7 @@ class AgentBound:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Regions(Shown):
+class Regions(Headed):
     """The certified regions of one problem, in the order in which they were tried.
 
     ``tolerance`` belongs to the times of ``claims`` (same unit as the states); ``agents`` to the max-separable
@@ -147,27 +144,15 @@ class Regions(Shown):
             **{name: None if check is None else check.to_json() for name, check in checks.items()},
         }
 
-    def __str__(self) -> str:
-        rows = self._cells()
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        aligned = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
-        return "\n  ".join([f"{self.name}: {self.verdict.value.upper()}. {self.reason}", *aligned])
-
-    def _cells(self) -> list[list[str]]:
-        rows = [["method", "kind", "|e|_inf <=", "|e| <=", "rate 1/s", "covers"]]
+    def _card(self) -> Card:
+        rows = []
         for claim in self.claims:
             sizes = [significant_towards_zero(claim.box), significant_towards_zero(claim.ball)]
             yes = "yes" if claim.covers else "no" if self.asked is not None else ""
             title = ", ".join(filter(None, [claim.id, claim.variant]))
             rows.append([title, claim.kind, *sizes, significant_towards_zero(claim.rate), yes])
-        return rows
-
-    def _card(self) -> Card:
-        head, *body = self._cells()
-        return Card(title=self.name, verdict=self.verdict.value, text=self.reason, heads=head, rows=body)
-
-    def __repr__(self) -> str:
-        return f"<Regions of {self.name}: {self.verdict.value}, {len(self.claims)} methods>"
+        heads = ("method", "kind", "|e|_inf <=", "|e| <=", "rate 1/s", "covers")
+        return Card(title=self.name, verdict=self.verdict.value, text=self.reason, heads=heads, rows=rows)
 
 
 BESIDE: Final = ("settling", "delay", "sampling", "equilibrium")  # checks that stand beside the regions
@@ -197,16 +182,6 @@ def certified_regions(problem: Problem, claims: Claims) -> Regions:
             agents=next((_agents(problem, check) for check in chosen if isinstance(check.claim, Separable)), ()),
             **beside,
         )
-
-
-def certified_settling(problem: Problem, claims: Claims) -> Settling | None:
-    """The settling time that ``claims`` prove, with its envelope; None without one.  Raises: CertificateError."""
-    with reading_claims():
-        found = next((check for check in claims.checks if check.id == "settling"), None)
-        if found is None or found.verdict is not Verdict.PROVED:
-            return None
-        descent = claim_of(found, problem, claims.W)
-        return settling_of(problem, descent, found.reason) if isinstance(descent, Descent) else None
 
 
 def _tolerance(checks: Sequence[Check], asked: Asked | None) -> float | None:
@@ -281,28 +256,21 @@ class _Gatherer:
         )
 
     def _time(self, check: Check) -> float | None:
-        """When |e|_inf <= tolerance at the latest, by the rate of the check alone; None where it is not known."""
-        domain, claim = check.domain, check.claim
-        if check.verdict is not Verdict.PROVED or not check.rate or self.tolerance is None:
+        """When |e|_inf <= tolerance at the latest, by the bound of the check alone; None where it gives none."""
+        asked, starts = self.asked, None
+        if isinstance(check.domain, Mapping):
+            starts = Starts(*(claimed(check.domain[name]) for name in ("radius", "radius", "disturbance")))
+        elif asked is not None and check.domain == "global":
+            starts = Starts(claimed(asked.box), claimed(asked.ball), claimed(asked.disturbance))
+        if check.verdict is not Verdict.PROVED or starts is None or self.tolerance is None:
             return None
-        if isinstance(claim, Separable):
-            if isinstance(domain, Mapping):
-                radius, disturbance = domain["radius"], domain["disturbance"]
-            elif self.asked is not None:
-                radius, disturbance = self.asked.box, self.asked.disturbance
-            else:
-                return None
-            first = claimed(radius) / claim.least + error_share(claim, claimed(disturbance), unit=_UNIT)
-            ratio, slowness = first * max(claim.v) / claimed(self.tolerance), 1.0
-        elif isinstance(claim, Lure | Shell):
-            lure, level = lure_and_level(claim)
-            least = -eigenvalue_bound(lure.P_e.negated())
-            if level is None or least <= 0:
-                return None
-            ratio, slowness = level / (least * claimed(self.tolerance) ** 2), 0.5
-        else:
+        bound = None
+        with suppress(ValueError):  # too close to a singular matrix
+            bound = envelope_of(self.problem, check, check.claim, starts)
+        if bound is None or not bound.rate:
             return None
-        return _up(Fraction(max(0.0, math.log(ratio)) * slowness / check.rate * (1 + 1e-9)), digits=4)
+        steps = math.log(bound.height / claimed(self.tolerance)) / float(bound.rate)
+        return _up(Fraction(max(0.0, steps) * (1 + 1e-9)), digits=4)
 
     def _limit(self, check: Check, kind: str, *, covering: bool) -> str:
         if kind in ("box", "ball") and not covering:
@@ -335,18 +303,6 @@ def _variant(check: Check) -> str:
         return ""
     method = {"interval": "interval bound, ", "vertices": "corners, "}.get(check.claim.method, "")
     return f"{method}P_e {'= c I' if check.claim.shape == 'identity' else check.claim.shape}"
-
-
-def error_share(claim: Separable | Cycles, disturbance: Fraction, *, unit: int) -> Fraction:
-    """What |eps_i| <= disturbance may take of V of weights: kappa s sqrt(size), rounded up to 1/unit."""
-    if claim.error is None:
-        return Fraction(0)
-    return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=unit)
-
-
-def lure_and_level(claim: Lure | Shell) -> tuple[Lure, Fraction | None]:
-    """The quadratic V of a claim, and the level that holds its starts."""
-    return (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
 
 
 def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:

@@ -77,7 +77,7 @@ def scaffold(name: str, *, source: Path | None = None, arrow: str | None = None)
     test = _template("test.py.txt", name).replace("@IDENTIFIER@", identifier).replace("@VERDICT@", verdict)
     texts = {
         f"{name}.toml": problem,
-        f"{name}.ipynb": _notebook(_template("notebook.txt", name)),
+        f"{name}.ipynb": _template("notebook.ipynb.txt", name),
         f"test_{identifier}.py": test,
         SCHEMA: json.dumps(json_schema(), indent=1, ensure_ascii=False) + "\n",
     }
@@ -86,22 +86,6 @@ def scaffold(name: str, *, source: Path | None = None, arrow: str | None = None)
 
 def _template(file: str, name: str) -> str:
     return (files("dobc_design.cli") / "templates" / file).read_text("utf-8").replace("@NAME@", name)
-
-
-def _notebook(text: str) -> str:
-    """A notebook without outputs of a text: prose and code in turn, between lines of dashes."""
-    cells = list[dict[str, object]]()
-    for place, source in enumerate(text.rstrip("\n").split("\n----\n")):
-        cell = {
-            "cell_type": "markdown",
-            "id": f"cell-{place}",
-            "metadata": {},
-            "source": source.splitlines(keepends=True),
-        }
-        cells.append(cell | ({"cell_type": "code", "execution_count": None, "outputs": []} if place % 2 else {}))
-    kernel = {"display_name": "Python 3", "language": "python", "name": "python3"}
-    whole = {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
-    return json.dumps(whole, indent=1, ensure_ascii=False) + "\n"
 
 
 def _converted(name: str, source: Path, arrow: str | None) -> tuple[str, str]:

@@ -184,18 +184,13 @@ def _unheld(rows: Rows, signs: Places, *, strict: bool) -> list[int] | None:
 
 
 def _components(rows: Rows) -> Places:
-    """Return for every row the least index in its connected component: labels hook onto less ones and jump."""
-    labels = np.arange(len(rows.starts))
-    while True:
-        least = np.minimum.reduceat(labels[rows.columns], rows.starts)
-        lower = labels.copy()
-        np.minimum.at(lower, labels, least)
-        lower = np.minimum(lower, least)
-        while not np.array_equal(jumped := lower[lower], lower):
-            lower = jumped
-        if np.array_equal(lower, labels):
-            return labels
-        labels = lower
+    """Return for every row the number of its connected component, in the order of their first rows."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import connected_components
+
+    size, entries = len(rows.starts), len(rows.columns)
+    graph = csr_array((np.ones(entries), rows.columns, np.append(rows.starts, entries)), shape=(size, size))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
 def _directions(x: Floats | None, p: Floats | None, *, z_matrix: bool) -> list[list[int]]:

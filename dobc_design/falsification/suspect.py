@@ -107,17 +107,10 @@ class Falsification(Headed):
             "notes": list(self.notes),
         }
 
-    def __str__(self) -> str:
-        rows = [f"{self.name}: {self._summary}", *(f"  {suspect}" for suspect in self.suspects[:10])]
-        return "\n".join([*rows, *(f"  {note}" for note in self.notes)])
-
     def _card(self) -> Card:
-        return Card(title=self.name, text=self._summary, lines=[str(each) for each in self.suspects])
-
-    @property
-    def _summary(self) -> str:
         found = "no suspect" if not self.suspects else f"{len(self.suspects)} suspect(s)"
         rate = ""
         if self.certified_rate and self.observed_rate is not None:
             rate = f", certified rate {self.certified_rate:.4g} 1/s, slowest seen {self.observed_rate:.4g}"
-        return f"{self.tried} starts from {self.target}, {found}, {len(self.proved)} proved equilibria{rate}"
+        text = f"{self.tried} starts from {self.target}, {found}, {len(self.proved)} proved equilibria{rate}"
+        return Card(title=self.name, text=text, lines=[*self.notes, *map(str, self.suspects)])

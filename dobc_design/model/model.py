@@ -102,16 +102,9 @@ class Model(Headed):
         """All casadi.Function objects, in the order above."""
         return (self.h, self.jacobian, self.observer, self.controller, self.closed_loop, self.error_dynamics)
 
-    def __str__(self) -> str:
-        rows = [f"  {name:<15} {inputs} -> {outputs}" for name, inputs, outputs in map(_signature, self.functions)]
-        return "\n".join([self._title, *rows])
-
     def _card(self) -> Card:
-        return Card(title=self._title, heads=("function", "takes", "returns"), rows=[*map(_signature, self.functions)])
-
-    @property
-    def _title(self) -> str:
-        return f'{self.problem.name}, mode "{self.mode}": n = {self.n}, m = {self.m}, q = {self.q}'
+        title = f'{self.problem.name}, mode "{self.mode}": n = {self.n}, m = {self.m}, q = {self.q}'
+        return Card(title=title, heads=("function", "takes", "returns"), rows=[*map(_signature, self.functions)])
 
 
 def build_model(problem: Problem, mode: str | None = None, *, gain: arrays.Gain | None = None) -> Model:

@@ -1,4 +1,4 @@
-"""The network in motion: one HTML page that needs no network, or a GIF.
+"""The network in motion: one HTML page that needs no network.
 
 An arrow is not drawn: a line between two agents means that at least one hears the other.  The page holds its data, its
 script and nothing else; it loads nothing and runs in any browser.
@@ -6,7 +6,6 @@ script and nothing else; it loads nothing and runs in any browser.
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -15,31 +14,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dobc_design.errors import SpecError
-from dobc_design.plotting.look import BLUE, GRID, INK, MUTED, PAPER, VERMILLION, short, styled, thinned_rows, write_new
+from dobc_design.plotting.look import BLUE, GRID, INK, MUTED, PAPER, VERMILLION, short, thinned_rows, write_new
 from dobc_design.plotting.runs import Run
 
 Array = NDArray[np.float64]
 Arcs = Mapping[str, Sequence[tuple[int, int]]]
-MOST_FRAMES, MOST_GIF_FRAMES = 401, 80
+MOST_FRAMES = 401
 MOST_AGENTS, MOST_LINKS = 500, 200_000
 PACE = 20.0  # pictures per second
 COLOURS = {"blue": BLUE, "grid": GRID, "ink": INK, "muted": MUTED, "paper": PAPER, "goal": VERMILLION}
 
 
 def write_animation(run: Run, path: Path, *, arcs: Arcs | None = None, force: bool = True) -> Path:
-    """Write ``path``: .html or .gif.  ``arcs``: (listener, speaker) by mode, where the run has no graphs of its own.
-    Raises: SpecError for another ending, a network that is too large, or a GIF without Pillow."""
-    kind = path.suffix.lower()
-    if kind not in (".html", ".gif"):
-        told = f"an animation is saved as .html or .gif; got {path.name[:40]!r}."
-        raise SpecError(told, key="path", cure="Choose one of the two.")
-    data = animation_page(run, arcs=arcs).encode("utf-8") if kind == ".html" else animation_gif(run, arcs=arcs)
-    return write_new(path, data, force=force)
+    """Write ``path``, an .html file.  ``arcs``: (listener, speaker) by mode, where the run has no graphs of its own.
+    Raises: SpecError for another ending, or a network that is too large."""
+    if path.suffix.lower() != ".html":
+        told = f"an animation is saved as .html; got {path.name[:40]!r}."
+        raise SpecError(told, key="path", cure="Choose that ending.")
+    return write_new(path, animation_page(run, arcs=arcs).encode("utf-8"), force=force)
 
 
 def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
@@ -61,41 +56,6 @@ def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
     text = json.dumps(data, ensure_ascii=True, separators=(",", ":")).replace("<", "\\u003c")
     page = (files("dobc_design.plotting") / "animation.html").read_text("utf-8")
     return page.replace("{title}", escape(run.name)).replace("{data}", text)
-
-
-def animation_gif(run: Run, *, arcs: Arcs | None = None) -> bytes:
-    """The same as a GIF, at most 80 pictures.  Raises: SpecError if Pillow is not installed."""
-    try:
-        from PIL import Image
-    except ImportError:
-        cure = "Install it (pip install pillow), or save as .html."
-        raise SpecError("a GIF needs the package Pillow, which is not installed.", key="path", cure=cure) from None
-    links, places, goals = _links(run, arcs), _in_plane(run.x), _in_plane(run.goal)
-    chosen = thinned_rows(len(run.times), MOST_GIF_FRAMES)
-    modes = run.switches.at(run.times[chosen])
-    every = np.concatenate([places.reshape(-1, 2), goals])
-    low, high = every.min(axis=0), every.max(axis=0)
-    room = 0.06 * np.maximum(high - low, 1e-9)
-    low, high = low - room, high + room
-    pictures = []
-    with styled():
-        figure = Figure(figsize=(4.6, 4.0), layout="constrained", facecolor="white", dpi=100)
-        ax = figure.add_subplot()
-        for frame, mode in zip(chosen.tolist(), modes.tolist(), strict=True):
-            ax.clear()
-            ax.add_collection(LineCollection(places[frame][links[mode]].tolist(), colors=MUTED, linewidths=0.7))
-            ax.plot(*goals.T, linestyle="none", marker="x", color=VERMILLION, label="goal")
-            ax.plot(*places[frame].T, linestyle="none", marker="o", color=BLUE, label="agent")
-            xlabel, ylabel = _axis_names(run)
-            ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel=xlabel, ylabel=ylabel)
-            title = f"{short(run.name)}, t = {run.times[frame]:.2f} s, {short(run.switches.names[mode])}"
-            ax.set_title(title, parse_math=False)
-            buffer = io.BytesIO()
-            figure.savefig(buffer, format="png", facecolor="white")
-            pictures.append(Image.open(buffer).convert("P", palette=Image.Palette.ADAPTIVE))
-    out = io.BytesIO()
-    pictures[0].save(out, format="GIF", save_all=True, append_images=pictures[1:], duration=round(2000 / PACE), loop=0)
-    return out.getvalue()
 
 
 def _in_plane(values: Array) -> Array:

@@ -42,42 +42,13 @@ NOTHING: dict[str, dict[str, None]] = {
 }
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
-STYLE = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "dobc_design",
-    "font.size": 9.0,
-    "font.sans-serif": ["DejaVu Sans"],
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": MUTED,
-    "axes.titlesize": 9.5,
-    "axes.titlelocation": "left",
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": GRID,
-    "grid.linewidth": 0.6,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "xtick.labelsize": 8.5,
-    "ytick.labelsize": 8.5,
-    "legend.fontsize": 8.5,
-    "legend.frameon": False,
-    "lines.linewidth": 1.3,
-    "lines.markersize": 5.0,
-}
-
 _LOCK = threading.Lock()  # Matplotlib's parameters belong to the process; they are put back after each figure
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Matplotlib's parameters as this package wants them, for one thread at a time."""
-    with _LOCK, style.context(["default", STYLE]):
+    """Matplotlib's parameters as figures.mplstyle has them, for one thread at a time."""
+    with _LOCK, style.context(["default", "dobc_design.plotting.figures"]):
         yield
 
 

@@ -24,6 +24,7 @@ MOST_ROWS = 150
 MOST_ENTRIES = 24  # of a vector
 POINTER = "named above."  # where the cure of a check is part of the main one
 _ORDER = (Verdict.REFUTED, Verdict.UNDECIDED, Verdict.PROVED)
+_FIXED: Final = words.TEXTS["fixed"]
 _EXACT = {"bound": "λmax(Λ) must be below", "value": "v′Λv", "routh": "first column of Routh’s table"}
 #: Options of `dobc certify` that change a certificate or its report; what a file says beside them is not repeated.
 SWITCHES: Final = ("--all", "--search")
@@ -31,28 +32,6 @@ SETTLING: Final = "--settling "
 TIMED: Final = "--time-limit "
 VERIFY: Final = "dobc verify certificate.json --problem problem.json"
 ALONE: Final = "python -I -S dobc_design/checker certificate.json problem.json"
-_TRACED: Final = (
-    "Every condition that was checked: what it says, where it stands in the paper or in the theory beside it, which"
-    " module of dobc_design decided it here, and which file of the lone checker decides it once more, in plain Python"
-    " that shares nothing with the package."
-)
-_MADE_WITH: Final = (
-    "The command has the options that the certificate was made with. The fingerprint is that of the file as dobc_design"
-    " writes it."
-)
-_BOTH_FILES: Final = (
-    "The files certificate.json and problem.json lie beside this page. This decides every claim again in exact"
-    " arithmetic:"
-)
-_TRUSTS: Final = (
-    "It trusts the problem file and nothing in the certificate: margins, rates, witnesses and the overall"
-    " verdict are all proved anew. With nothing but Python, and none of this package, the lone checker (the folder"
-    " dobc_design/checker) does the same:"
-)
-_SIGNING: Final = (
-    "The signature is for the problem and the certificate with the fingerprints above. The proof needs no signature;"
-    " the statement that the model fits the plant does."
-)
 
 
 def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
@@ -64,11 +43,10 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
     if check.verdict is not Verdict.REFUTED:
         head = f"What would help {check.id}"
     lines = _fix_lines(check.fix)
-    decided = "The cured problem was decided by the very conditions that failed. This command writes it to a file:"
     blocks = (
         doc.Text(words.shortened(check.fix.text)),
         *((doc.Text("In the problem file:"), doc.Code(lines)) if lines else ()),
-        doc.Text(decided),
+        doc.Text(_FIXED["cured"]),
         doc.Code((CURE_COMMAND,), command=True),
     )
     yield doc.Section(head, blocks, "cure", "Cure")
@@ -186,7 +164,9 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
         doc.Column("decided in", lambda kind: ", ".join(kind.decided_in), 1.4, style="code"),
         doc.Column("decided again in", lambda kind: kind.checker, 1.1, style="code"),
     )
-    return doc.Section("Traceability", (doc.Only(doc.READ, (doc.Text(doc.Own(_TRACED)),)), table), "traceability")
+    return doc.Section(
+        "Traceability", (doc.Only(doc.READ, (doc.Text(doc.Own(_FIXED["traced"])),)), table), "traceability"
+    )
 
 
 def recheck_section(certificate: Certificate, prints: Facts) -> doc.Section:
@@ -198,13 +178,13 @@ def recheck_section(certificate: Certificate, prints: Facts) -> doc.Section:
         ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
     )
     blocks = (
-        doc.Text(_BOTH_FILES),
+        doc.Text(_FIXED["both_files"]),
         doc.Code((VERIFY,), command=True),
-        doc.Text(_TRUSTS),
+        doc.Text(_FIXED["trusts"]),
         doc.Code((ALONE,), command=True),
         doc.Text("To make the certificate again, byte for byte with the same version:"),
         doc.Code((certify_command(certificate),), command=True),
-        doc.Text(doc.Own(_MADE_WITH)),
+        doc.Text(doc.Own(_FIXED["made_with"])),
         doc.Text("Compare the problem with the one you meant. The fingerprints and versions are"),
         doc.Facts((("problem", claims.problem_name), *prints, *versions)),
     )
@@ -214,7 +194,7 @@ def recheck_section(certificate: Certificate, prints: Facts) -> doc.Section:
 def signatures_section() -> doc.Section:
     """Lines for the people who sign a printed report."""
     lines = doc.Signatures(("Name", "Date", "Signature"), ("Prepared by", "Checked by", "Approved by"))
-    return doc.Section("Signatures", (doc.Text(_SIGNING), lines), "signatures")
+    return doc.Section("Signatures", (doc.Text(_FIXED["signing"]), lines), "signatures")
 
 
 def fingerprints(certificate: Certificate) -> Facts:

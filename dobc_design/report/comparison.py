@@ -1,6 +1,6 @@
 """Two certificates side by side: their verdicts, checks and certified starts, and what differs between the problems.
 
-Problems are compared as problem.json holds them: what counts is the meaning of a file and not how it is written.
+Problems are compared as one program writes them: what counts is the meaning of a file and not how it is written.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Any
 from dobc_design._show.text import lower
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
-from dobc_design.problem.canonical import canonical_document
+from dobc_design.problem.changes import problem_text
+from dobc_design.problem.load import parse_toml
 from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
 from dobc_design.report import words
@@ -24,7 +25,6 @@ SIDES, ABSENT = ("A", "B"), "–"
 MOST_ROWS, MOST_PICTURES, MOST_NOTES, MOST_DIFFERENCES = 150, 4, 20, 60
 MOST_ARCS = 8  # arcs of one mode that are named one by one
 LONGEST_NAME, LONGEST = 30, 160  # characters of a name in the footer, and of a value
-TABLES = ("exosystem", "observer", "region", "switching", "simulation")
 
 Difference = tuple[str, str, str]  # a key, and its value in the first and in the second problem
 
@@ -54,10 +54,7 @@ def comparison_document(first: Certificate, second: Certificate) -> doc.Document
     values = [(key, *(words.shortened(each, LONGEST) for each in pair)) for key, *pair in changed]
     keys = doc.Table(caption="Keys of the problem file whose values differ", columns=columns, rows=values)
     problems = (doc.Text(told), *((keys,) if changed else ()), *_networks(sides))
-    again = doc.Text(
-        "These pages show what the two certificates claim. For each of them, dobc verify certificate.json --problem"
-        " problem.json decides every claim again in exact arithmetic."
-    )
+    again = doc.Text(words.TEXTS["fixed"]["compared"])
     identity = []
     for letter, each in sides:
         identity.append((letter, f"{each.problem.name}, decided by dobc_design {each.claims.version}"))
@@ -121,8 +118,6 @@ def _checks(first: Certificate, second: Certificate) -> doc.Section:
     """Every check that one of them has, in the order of A, then those that only B has; marked where they differ."""
     a, b = ({(check.id, check.mode): check for check in each.checks} for each in (first, second))
     pairs = [(a.get(key), b.get(key)) for key in {**a, **b}]
-    told = "Margins and rates are in 1/s, rounded towards zero. An en dash: the condition is not among the checks, or"
-    told += " has no such number."
     hidden = len(pairs) - MOST_ROWS
     columns = (
         doc.Column("condition", width=2.2),
@@ -133,7 +128,7 @@ def _checks(first: Certificate, second: Certificate) -> doc.Section:
     blocks = (
         _marked("Checks of both certificates with verdict, margin and rate", columns, rows),
         *((doc.Text(f"And {hidden} more, in the certificates."),) if hidden > 0 else ()),
-        doc.Text(told, "caption"),
+        doc.Text(words.TEXTS["fixed"]["compared_checks"], "caption"),
     )
     return doc.Section("What was checked", blocks, "checks", "Checks")
 
@@ -177,8 +172,8 @@ def _networks(sides: Sequence[tuple[str, Certificate]]) -> Iterator[doc.Block]:
 
 def differences(first: Problem, second: Problem) -> tuple[list[Difference], int]:
     """The differences in the order of the file, cut after 60 of them, and how many there are in all."""
-    one, other = canonical_document(first), canonical_document(second)
-    rows = [*_network(one, other), *_keys(dict(_flat(one)), dict(_flat(other)))]
+    one, other = (parse_toml(problem_text(each).encode("utf-8")) for each in (first, second))
+    rows = [*_network(one.pop("network"), other.pop("network")), *_keys(dict(_flat(one)), dict(_flat(other)))]
     return rows[:MOST_DIFFERENCES], len(rows)
 
 
@@ -190,54 +185,43 @@ def _keys(a: Mapping[str, str], b: Mapping[str, str]) -> Iterator[Difference]:
 
 def _network(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[Difference]:
     """Agents, modes, and arcs: a few one by one, many as two lists."""
-    both = (one, other)
-    yield from _keys(*({"network.agents": ", ".join(each["labels"])} for each in both))
-    first, second = ({mode["name"]: _arcs(mode["arcs"], each["labels"]) for mode in each["modes"]} for each in both)
-    for name in {**first, **second}:
-        key = f"network.modes.{name}"
-        a, b = first.get(name), second.get(name)
-        if a is None or b is None:
-            told = [ABSENT if arcs is None else f"{len(arcs)} arcs" for arcs in (a, b)]
-            yield key, told[0], told[1]
+    yield from _keys({"network.agents": _text(one["agents"])}, {"network.agents": _text(other["agents"])})
+    for name in {**one["modes"], **other["modes"]}:
+        key, both = f"network.modes.{name}", [each["modes"].get(name) for each in (one, other)]
+        if None in both:
+            a, b = (ABSENT if arcs is None else f"{len(arcs)} arcs" for arcs in both)
+            yield key, a, b
             continue
-        found = [(f"{key}: {arc}", x, y) for arc, x, y in _keys(a, b)]
+        first, second = map(_arcs, both)
+        found = [(f"{key}: {arc}", x, y) for arc, x, y in _keys(first, second)]
         if len(found) > MOST_ARCS:
-            own = [[arc for arc in left if right.get(arc) != left[arc]] for left, right in ((a, b), (b, a))]
+            own = [[arc for arc in x if y.get(arc) != x[arc]] for x, y in ((first, second), (second, first))]
             found = [(f"{key}: arcs that differ", _listed(own[0]), _listed(own[1]))]
         yield from found
 
 
-def _arcs(arcs: Sequence[Any], labels: Sequence[str]) -> dict[str, str]:
+def _arcs(arcs: Sequence[Any]) -> dict[str, str]:
     """Arcs by the names of their ends."""
-    return {
-        f"{labels[i]} listens to {labels[j]}": "there" if weight == "1" else f"weight {weight}" for i, j, weight in arcs
-    }
+    return {f"{a} listens to {b}": f"weight {weight[0]}" if weight else "there" for a, b, *weight in arcs}
 
 
 def _listed(names: Sequence[str]) -> str:
     return f"{len(names)}: {', '.join(names)}" if names else "none"
 
 
-def _flat(document: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Every other key with its value as text; arcs by the names of their ends."""
-    labels: list[str] = document["labels"]
-    yield "target", _text(document["target"])
-    yield "coupling.h", _text(document["coupling"]["h"])
-    for each in document["coupling"]["exceptions"]:
-        i, j = each["arc"]
-        yield f"coupling.exceptions: {labels[i]} listens to {labels[j]}", _text(each["h"])
-    for i, gain in document["gains"]:
-        yield f"pinning.gains.{labels[i]}", _text(gain)
-    for i, offset in document["offsets"]:
-        yield f"formation.offsets.{labels[i]}", _text(offset)
-    for table in TABLES:
-        for key, value in (document[table] or {}).items():
-            if value is not None:
-                yield f"{table}.{key}", _text(value)
+def _flat(tables: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, str]]:
+    """Every other key of a problem file with its value as text."""
+    for name, value in tables.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{path}{name}.")
+        elif name == "exceptions":
+            yield from ((f"{path}{name}: {arc}", _text(each["h"])) for each in value for arc in _arcs(each["arcs"]))
+        elif path or name not in ("schema", "name", "notes"):
+            yield f"{path}{name}", _text(value)
 
 
 def _text(value: Any) -> str:
-    """A value of problem.json as people write it: a list of one entry is that entry."""
+    """A value of a file as people write it: a list of one entry is that entry."""
     if isinstance(value, list):
         return _text(value[0]) if len(value) == 1 else "[" + ", ".join(map(_text, value)) + "]"
     if isinstance(value, dict):

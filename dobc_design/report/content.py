@@ -33,55 +33,7 @@ LONGEST_VECTOR = 12
 _ALSO = "Optional changes"
 _REGION, _DESIGN = "dobc region problem.json", "dobc design problem.json --out designed.toml"
 _HELP = "What would help: "  # in the reason of an undecided certificate
-_WORDS = (
-    (
-        "margin",
-        "How much may be added to the diagonal of the network block before the condition fails; for a refuted"
-        " condition it is negative: the condition fails by at least this much.",
-    ),
-    ("rate", "A number β in 1/s for which exp(−βt) is proved to bound the decay."),
-    ("near the target", "In some neighbourhood of the consensus, of unknown size."),
-    ("pin", "An agent with a gain k > 0 knows the target and is pulled there; the others know their neighbours only."),
-)
-#: The equations of the loop: what each is, its LaTeX, its number in the paper.
-_COUPLED = r"\dot x_i = \sum_{j \in N_i} w_{ij}\, h_{ij}(x_j - x_i) + u_i"
-LOOP = (("each agent", _COUPLED, "(1)"), ("control", r"u_i = -k_i (x_i - \bar{x})", "(4)"))
-LOOP_DISTURBED = (
-    ("each agent", rf"{_COUPLED} + d_i", "(1)"),
-    ("its disturbance", r"\dot \xi_i = A \xi_i, \quad d_i = C \xi_i", "(12)"),
-    (
-        "its observer",
-        r"\dot z_i = (A - WC)(z_i + W x_i) - W \left( \sum_{j \in N_i} w_{ij}\, h_{ij}(x_j - x_i) + u_i \right)",
-        "(13)",
-    ),
-    ("the estimate", r"\hat{\xi}_i = z_i + W x_i, \quad \hat{d}_i = C \hat{\xi}_i", "(13)"),
-    ("control", r"u_i = -k_i (x_i - \bar{x}) - \hat{d}_i", "(19)"),
-)
-#: The same of agents with [dynamics]; W acts on x, as in certificates.
-_FELT = r"\sum_{j \in N_i} w_{ij}\, h_{ij}(e_j - e_i) + u_i"
-LOOP_DYNAMIC = (
-    ("each agent", rf"\dot x_i = A_x x_i + B \Bigl( {_FELT} \Bigr), \quad e_i = x_i - \bar x_i", "(1)"),
-    ("control", r"u_i = -K_i e_i + u^0_i, \quad A_x \bar x_i + B u^0_i = 0", "(4)"),
-)
-LOOP_DYNAMIC_DISTURBED = (
-    ("each agent", rf"\dot x_i = A_x x_i + B \Bigl( {_FELT} + d_i \Bigr), \quad e_i = x_i - \bar x_i", "(1)"),
-    LOOP_DISTURBED[1],
-    (
-        "its observer",
-        rf"\dot z_i = (A - W B C)(z_i + W x_i) - W \Bigl( A_x x_i + B \Bigl( {_FELT} \Bigr) \Bigr)",
-        "(13)",
-    ),
-    LOOP_DISTURBED[3],
-    ("control", r"u_i = -K_i e_i - \hat{d}_i + u^0_i, \quad A_x \bar x_i + B u^0_i = 0", "(19)"),
-)
-_SHARED = {latex for _, latex, _ in LOOP_DISTURBED}
-_LAMBDA = r"\Lambda(J) = J + J' - (K + K'), \quad K = \operatorname{blockdiag}(k_1 I_m, \dots, k_n I_m)"
-_PSI = r"\Psi = \begin{pmatrix} \Lambda(J) & I_n \otimes C \\ (I_n \otimes C)' & I_n \otimes \Omega_0 \end{pmatrix} < 0"
-_OMEGA = r"\Omega_0 = P A + A' P - C' Q' - Q C"
-_REDUCED = (
-    r"\Psi < 0 \;\iff\; \Omega_0 < 0 \text{ and } \Lambda(J) + I_n \otimes S < 0, \qquad S = C (-\Omega_0)^{-1} C'"
-)
-_BY_EXISTENCE = r"\text{some } P, Q \text{ exist} \;\iff\; \Lambda(J) < 0 \text{ and } (A, C) \text{ is detectable}"
+_SHARED = {latex for _, latex, _ in words.TEXTS["loop"]["disturbed"]}
 
 
 def report_document(
@@ -99,7 +51,7 @@ def report_document(
     mark, proved = words.mark_of(verdict), verdict is Verdict.PROVED
     facts = [(name, told) for name, told in words.facts(certificate).items() if proved or told != "–"]
     identity = checks.title_block(certificate, prints)
-    verdicts = doc.Terms([(words.mark_of(each), words.MEANINGS[each]) for each in Verdict])
+    verdicts = doc.Terms([(words.mark_of(each), words.TEXTS["verdicts"][each.value]) for each in Verdict])
     return doc.Document(
         kind="Certificate of consensus",
         name=problem.name,
@@ -133,7 +85,7 @@ def report_document(
             *_simulation(certificate, trajectory),
             checks.trace_section(certificate.checks),
             checks.recheck_section(certificate, prints),
-            doc.Section("Words", (verdicts, doc.on_pages(doc.Terms(_WORDS))), "glossary"),
+            doc.Section("Words", (verdicts, doc.on_pages(doc.Terms([*words.TEXTS["words"].items()]))), "glossary"),
             checks.signatures_section(),
         ),
     )
@@ -195,9 +147,8 @@ def _problem(problem: Problem) -> doc.Section:
     """The problem in a few sentences, and its equations with the numbers of the paper."""
     disturbed, own = ", disturbed" if problem.groups else "", problem.dynamics
     kind = disturbed if own is None else f"{disturbed}, {'dynamic' if own.f is None else 'nonlinear'}"
-    equations = LOOP_DISTURBED if problem.groups else LOOP
-    if own is not None:
-        equations = LOOP_DYNAMIC_DISTURBED if problem.groups else LOOP_DYNAMIC
+    agents = "" if own is None else "dynamic"
+    equations = words.TEXTS["loop"][f"{agents}{' disturbed' if problem.groups else ''}".strip() or "plain"]
     coupling, target = _coupling(problem), _target(problem)
     letters = "h(y)" if problem.coupling.by_component else "h(y) by components"
     plain = [("coupling", f"{letters} = {', '.join(problem.coupling.texts)}")]
@@ -333,7 +284,7 @@ def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.S
     matrices = doc.Matrices(tuple(_matrices(certificate)))
     own = certificate.problem.dynamics
     slopes = "" if own is None or own.f is None else " Aₓ holds the slopes of f at the target."
-    blocks: list[doc.Block] = [] if own is None else [doc.Text(words.BY_ERRORS + slopes)]
+    blocks: list[doc.Block] = [] if own is None else [doc.Text(words.TEXTS["fixed"]["by_errors"] + slopes)]
     blocks += list(_disturbed(certificate.problem) if certificate.problem.groups else _undisturbed())
     if matrices.items:
         blocks += [matrices, doc.on_pages(doc.Text(rounded, "caption"))]
@@ -378,7 +329,7 @@ def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
 
 def _undisturbed() -> Iterator[doc.Block]:
     yield doc.on_pages(doc.Text("Without a disturbance, Lemma 1 asks in every mode for"))
-    yield doc.Formula(_LAMBDA + " < 0", typst="lemma 1")
+    yield doc.Formula(words.TEXTS["condition"]["lambda"] + " < 0", typst="lemma 1")
     yield doc.on_pages(doc.Text(("where ", doc.Math("J", "J"), " is the Jacobian of the couplings.")))
 
 
@@ -387,15 +338,14 @@ def _disturbed(problem: Problem) -> Iterator[doc.Block]:
     asks = ("Theorems 1 and 2 ask for matrices ", P, " and ", Q, ", with ", W, ", such that in every mode")
     exactly = " is the Jacobian of the couplings. An equivalent condition of smaller size is used:"
     yield doc.on_pages(doc.Text(asks))
-    yield doc.Formula(_PSI, number="(18)", typst="psi")
-    yield doc.Formula(_LAMBDA, typst="lambda")
-    yield doc.Formula(_OMEGA, typst="omega")
+    yield doc.Formula(words.TEXTS["condition"]["psi"], number="(18)", typst="psi")
+    yield from (doc.Formula(words.TEXTS["condition"][name], typst=name) for name in ("lambda", "omega"))
     yield doc.on_pages(doc.Text(("where ", doc.Math("J", "J"), exactly)))
-    yield doc.Formula(_REDUCED, typst="reduced")
+    yield doc.Formula(words.TEXTS["condition"]["reduced"], typst="reduced")
     yield doc.on_pages(doc.Text("and, if P and Q are free,"))
-    yield doc.Formula(_BY_EXISTENCE, typst="existence")
+    yield doc.Formula(words.TEXTS["condition"]["existence"], typst="existence")
     if problem.is_grouped:
-        yield doc.Text(words.BY_GROUP)
+        yield doc.Text(words.TEXTS["fixed"]["by_group"])
 
 
 def _eigenvalues(certificate: Certificate, analysis: Analysis | None) -> Iterator[doc.Section]:

@@ -8,22 +8,14 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
-from importlib.resources import files
-from itertools import chain, zip_longest
 from typing import Final
 
 from dobc_design._show.text import typeset
 from dobc_design.report import document as doc
-from dobc_design.report.words import capitalize_first
+from dobc_design.report.pages import environment_of
 
 MAIN, BIBLIOGRAPHY = "main.tex", "references.bib"
-PACKAGES: Final = ("amsmath", "amssymb", "array", "booktabs", "graphicx", "longtable")
-_HEAD = r"""% Needs \usepackage{{{packages}}}. {what}
-\providecommand{{\dobcfit}}[1]{{\sbox0{{$\displaystyle #1$}}\ifdim\wd0>\linewidth
-  \resizebox{{\linewidth}}{{!}}{{\usebox0}}\else\usebox0\fi}}
-\providecommand{{\dobcunicode}}[2]{{\ifdefined\Umathcode #2\else\texttt{{U+#1}}\fi}}
-"""
+PACKAGES: Final = "amsmath,amssymb,array,booktabs,graphicx,longtable"
 _SPECIAL: Final = {
     **{each: rf"\{each}" for each in "{}$&#%_"},
     **{"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "|": r"\textbar{}"},
@@ -55,30 +47,31 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
 
     ``version``: that of the program that made the certificate.  The same document gives the same bytes.
     """
+    signs = {"block_start_string": "<%", "block_end_string": "%>", "comment_start_string": "<#"}
+    signs |= {"variable_start_string": "<<", "variable_end_string": ">>", "comment_end_string": "#>"}
+    filters = {"tex": tex, "plain": doc.plain, "cells": _cells, "widths": _widths}
+    environment = environment_of(filters, **signs, keep_trailing_newline=True)
     report = doc.in_form(document, "latex")
-    condition = report.section("condition")
+    condition, kept = report.section("condition"), dict[str, str]()
     matrices = [block for block in condition if isinstance(block, doc.Matrices)]
     formulas = [block for block in condition if not isinstance(block, doc.Matrices)]
-    width = (r"\setcounter{MaxMatrixCols}{12}",) if matrices else ()
     problem, checks, region, trace = map(report.section, ("problem", "checks", "region", "traceability"))
-    parts: tuple[tuple[str, str, Iterable[str]], ...] = (
-        ("verdict", "The verdict and what it says.", _verdict(report)),
-        ("model", "The equations with the paper's numbers, couplings, target and pins.", _shown(problem)),
-        ("condition", "The condition that is decided.", _shown(formulas)),
-        ("matrices", "The matrices; entries with a decimal point are rounded.", (*width, *_shown(matrices))),
-        ("checks", "Every condition that was decided; numbers hold as printed.", _shown(checks)),
-        ("regions", "From which starts consensus is proved.", _shown(region)),
-        ("traceability", "Where each condition stands and which module decided it.", _shown(trace)),
-    )
-    kept = {}
-    for name, what, lines in parts:
-        text = "\n".join(lines)
-        if text:
-            kept[f"{name}.tex"] = _HEAD.format(packages=",".join(PACKAGES), what=what) + text + "\n"
-    entries = (files("dobc_design.report") / "templates" / BIBLIOGRAPHY).read_text("utf-8")
+    for name, what, blocks in (
+        ("verdict", "The verdict and what it says.", report.section("meaning")),
+        ("model", "The equations with the paper's numbers, couplings, target and pins.", problem),
+        ("condition", "The condition that is decided.", formulas),
+        ("matrices", "The matrices; entries with a decimal point are rounded.", matrices),
+        ("checks", "Every condition that was decided; numbers hold as printed.", checks),
+        ("regions", "From which starts consensus is proved.", region),
+        ("traceability", "Where each condition stands and which module decided it.", trace),
+    ):
+        if blocks:
+            given = {"report": report, "name": name, "what": what, "blocks": blocks, "filled": FILLED}
+            kept[f"{name}.tex"] = environment.get_template("fragment.tex.j2").render(given, packages=PACKAGES)
     safe = "".join(each for each in version if each.isalnum() or each in ".+-")
-    inputs = [name.removesuffix(".tex") for name in kept]
-    kept |= {BIBLIOGRAPHY: entries.replace("VERSION", safe), MAIN: _main(document.name, inputs)}
+    given = {"name": document.name, "fragments": [name.removesuffix(".tex") for name in kept], "version": safe}
+    given |= {"packages": PACKAGES, "bibliography": BIBLIOGRAPHY.removesuffix(".bib")}
+    kept |= {name: environment.get_template(f"{name}.j2").render(given) for name in (BIBLIOGRAPHY, MAIN)}
     return {name: text.encode("utf-8") for name, text in kept.items()}
 
 
@@ -110,72 +103,13 @@ def _letter(letter: str) -> str:
     return rf"\dobcunicode{{{ord(letter):04X}}}{{{letter}}}"
 
 
-def _main(name: str, fragments: Sequence[str]) -> str:
-    inputs = "\n".join(rf"\input{{{each}}}" for each in fragments)
-    return (
-        "\\documentclass[a4paper]{article}\n\\usepackage[T1]{fontenc}\n\\usepackage[margin=22mm]{geometry}\n"
-        f"\\usepackage{{{','.join(PACKAGES)}}}\n\\usepackage{{textcomp}}\n\\title{{{tex(name)}}}\\author{{}}\\date{{}}\n"
-        f"\\begin{{document}}\n\\maketitle\n{inputs}\n"
-        f"\\nocite{{*}}\n\\bibliographystyle{{plain}}\n\\bibliography{{{BIBLIOGRAPHY.removesuffix('.bib')}}}\n"
-        "\\end{document}\n"
-    )
+def _cells(table: doc.Table) -> list[list[str]]:
+    """The texts of a table, numbers as people write them."""
+    numbers = [column.style == "number" for column in table.columns]
+    return [
+        [typeset(str(x)) if number else str(x) for x, number in zip(row, numbers, strict=True)] for row in table.rows
+    ]
 
 
-def _verdict(report: doc.Document) -> Iterator[str]:
-    verdict = report.verdict
-    yield rf"\paragraph{{{tex(report.name)}: {tex(verdict.mark.verdict)}.}} {tex(verdict.reason)}"
-    yield ""
-    yield from _table(("", ""), (*verdict.facts, *report.identity), (0.9, 2.4))
-    yield from _shown(report.section("meaning"))
-
-
-def _shown(blocks: Sequence[doc.Block]) -> Iterator[str]:
-    for block, after in zip_longest(blocks, blocks[1:]):
-        match block:
-            case doc.Section(title=title, blocks=inner):
-                yield f"{tex(title)}:"
-                yield from _shown(inner)
-            case doc.Text(words):
-                yield tex(doc.plain(words))
-                if isinstance(after, (doc.Text, doc.Table)):
-                    yield ""
-            case doc.List(items):
-                yield r"\begin{itemize}"
-                yield from (rf"  \item {tex(item)}" for item in items)
-                yield r"\end{itemize}"
-            case doc.Formula(latex=latex, number=number):
-                yield rf"\[ {latex} \tag{{{number.strip('()')}}} \]" if number else _displayed(latex)
-            case doc.Matrices(items):
-                yield from chain.from_iterable(map(_matrix, items))
-            case doc.Table(columns=columns, rows=rows):
-                numbers = [column.style == "number" for column in columns]
-                cells = [
-                    [typeset(str(x)) if is_number else str(x) for x, is_number in zip(row, numbers, strict=True)]
-                    for row in rows
-                ]
-                yield from _table([each.head for each in columns], cells, [each.width or AUTOMATIC for each in columns])
-
-
-def _matrix(item: doc.ShownMatrix) -> Iterator[str]:
-    what = tex(capitalize_first(item.what))
-    if item.latex is None:
-        yield rf"{what} (${item.name}$) is {tex(item.size)}; see certificate.json."
-    else:
-        yield f"{what}:"
-        yield _displayed(item.latex)
-
-
-def _displayed(latex: str) -> str:
-    return rf"\[ \dobcfit{{{latex}}} \]"
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], widths: Sequence[float]) -> Iterator[str]:
-    """A table over several pages; ``widths`` are compared with each other."""
-    parts = [round(FILLED * width / sum(widths), 3) for width in widths]
-    columns = " ".join(rf">{{\raggedright\arraybackslash}}p{{{part}\linewidth}}" for part in parts)
-    yield rf"{{\footnotesize\setlength{{\tabcolsep}}{{3pt}}\begin{{longtable}}{{@{{}}{columns}@{{}}}}"
-    yield r"\toprule"
-    if any(heads):
-        yield rf"{' & '.join(map(tex, heads))} \\ \midrule\endhead"
-    yield from (rf"{' & '.join(map(tex, row))} \\" for row in rows)
-    yield r"\bottomrule\end{longtable}}"
+def _widths(table: doc.Table) -> list[float]:
+    return [each.width or AUTOMATIC for each in table.columns]

@@ -81,9 +81,7 @@ def _told(problem: Problem, check: Check) -> doc.Section:
     """What one of the checks says, where it is proved with its numbers."""
     text, table, proved = check.reason, tuple[doc.Block, ...](), check.verdict is Verdict.PROVED
     if proved and check.id == "accuracy":
-        text = "Whatever unmodelled disturbance, drift and measurement error act within these bounds, and however the"
-        text += " modes switch, every |eᵢ| ends within its final bound and stays there. Weights and gains count as they"
-        text += " stand in the file."
+        text = words.TEXTS["fixed"]["accuracy"]
         table = _worst(_numbers(check, "bounds"), "final |eᵢ| ≤", {})
     elif proved and check.id == "actuators":
         inputs = _numbers(check, "inputs")

@@ -20,7 +20,7 @@ from dobc_design.exact.number import float_above, float_below
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
 from dobc_design.problem.problem import Problem
 from dobc_design.report import document as doc
-from dobc_design.report.words import mark_of, names_in_words, number, sentence
+from dobc_design.report.words import TEXTS, mark_of, names_in_words, number, sentence
 from dobc_design.verdict import Verdict
 
 NONE: Final = "–"
@@ -28,10 +28,7 @@ MOST_SUSPECTS: Final = 8
 MOST_STATES: Final = 6  # agents whose states a sentence tells
 _SEVERAL: Final = 3  # modes that are named
 _FAST: Final = 100  # samples a second from which a certified period is called pessimistic
-WARNING: Final = (
-    "A suspect is a simulated run in floating point. It refutes nothing: the run may be too short, or the integrator"
-    " wrong. It shows for which starts a proof will be hard to find."
-)
+WARNING: Final[str] = TEXTS["fixed"]["suspects"]
 _WHAT: Final = {STAYS_AWAY: "does not converge", LEAVES: "leaves the certified set", RESTS: "rests there (proved)"}
 
 
@@ -40,10 +37,7 @@ def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Pi
     if not regions.tried:
         return
     asked, rest = asked_sentence(regions), rest_sentence(regions)
-    size = problem.n * problem.m
-    norms = "|e|∞ is the largest error of all agents, |e|₂ the root of the sum of all squares. A box |e|∞ ≤ R holds"
-    norms += f" the ball |e|₂ ≤ R. A ball |e|₂ ≤ R holds only the box |e|∞ ≤ R/√{size}, since all {size} components"
-    norms += " may be that large at once."
+    norms = TEXTS["fixed"]["norms"].format(size=problem.n * problem.m)
     timing = timing_sentences(regions)
     told = (doc.Section("Time, late messages and sampling", (doc.List(timing),)),) if timing else ()
     blocks = (
@@ -130,9 +124,7 @@ def timing_sentences(regions: Regions) -> list[str]:
 
 
 def _delay(check: Check) -> str:
-    late = _exact(check, "delay")
-    text = "Stable for every bounded communication delay: from every start in the max-separable box the agents still"
-    text += " reach the target."
+    late, text = _exact(check, "delay"), str(TEXTS["fixed"]["late"])
     if late and check.rate:
         text += f" For delays up to {lower(late)} s the error decays at every rate below {lower(check.rate)} 1/s."
     return text
@@ -146,10 +138,7 @@ def _sampling(check: Check) -> str:
         disturbed = isinstance(check.domain, Mapping) and check.domain.get("disturbance")
         text += ", up to what the estimation error adds." if disturbed else "."
     if 0 < period * _FAST < 1:
-        text += (
-            " That is short because the coupling is steep between agents that are far apart, and the bound holds for"
-            " all of the region; closer to the target longer periods work."
-        )
+        text += TEXTS["fixed"]["short_period"]
     return text
 
 
@@ -179,10 +168,7 @@ def settling_section(settling: Settling | None, pictures: Sequence[doc.Picture])
         return
     how = "One certificate covers the whole time."
     if len(settling.stages) > 1:
-        how = (
-            "A box that moves with time holds every run: on each of its faces the network pushes inward at least as"
-            " fast as the face moves. When it lies in the region of a certificate near the target, that one takes over."
-        )
+        how = TEXTS["fixed"]["moving_box"]
     pictured = doc.on_pages(doc.Pictures(pictures))
     blocks = (doc.Text(settling_sentence(settling)), pictured, doc.Text(how), stages_table(settling))
     yield doc.Section("How fast it is proved to settle", blocks, "settling", "Settling")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
+from importlib.resources import files
 from typing import Any, Final
 
 from dobc_design._show.cards import SIGNS
@@ -30,26 +32,8 @@ MOST_MODES = 6
 MOST_NAMES = 12
 MOST_EIGENVALUES = 8
 GIVEN, FOUND = "the P given", "the P found"
-MEANINGS = {
-    Verdict.PROVED: "Shown by exact arithmetic on rational numbers. No solver and no rounding is trusted: what a solver"
-    " proposed was rounded to rationals and then decided. Anybody can repeat the decision.",
-    Verdict.REFUTED: "Shown by exact arithmetic to be false, with a witness that can be checked by hand: a vector,"
-    " a set of agents, a polynomial. A refuted condition is not yet a failure of consensus: a theorem whose"
-    " condition is false says nothing. Only the overall verdict “refuted” says that consensus fails.",
-    Verdict.UNDECIDED: "Neither proved nor refuted here: the condition does not apply, or nothing was found that"
-    " decides it. It never means that consensus fails.",
-}
-#: What the formulas mean where agents have different exosystems.
-BY_GROUP: Final = (
-    "Agents differ in their exosystem. A, C and W in the equations of an agent are those of its group. I ⊗ C, I ⊗ Ω₀"
-    " and I ⊗ S stand for matrices with the C, Ω₀ and S of each agent's group along the diagonal. The matrices below"
-    " hold all groups along their diagonal, in this order."
-)
-#: The same of agents with [dynamics].
-BY_ERRORS: Final = (
-    "The errors of these agents are those of integrators with the couplings B h, the gains B Kᵢ − Aₓ (on every agent)"
-    " and the output matrix B C. The condition is about these: h, kᵢ and C in it stand for them, and W acts on x."
-)
+_TEXT = (files("dobc_design.report") / "templates" / "texts.toml").read_text("utf-8")
+TEXTS: Final[dict[str, Any]] = tomllib.loads(_TEXT)
 #: Letters and signs as certificates write them.  Lambda and Psi may be labels, too: only where mathematics follows.
 _SIGNS = tuple(
     (re.compile(pattern), sign)
@@ -70,8 +54,6 @@ _SIGNS = tuple(
         (r"\(x\)", "⊗"),
     )
 )
-_IDEAL = "messages without delay, noise or quantisation"
-_TIMED = "messages without noise or quantisation; late messages and sampling as far as their checks say"
 
 
 def mark_of(verdict: Verdict) -> doc.Mark:
@@ -191,28 +173,10 @@ def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
     if certificate.verdict is Verdict.PROVED:
         yes, no = _proved(certificate)
         return [*yes, *map(capitalize_first, safe)], no
-    if certificate.verdict is Verdict.REFUTED:
-        yes = [
-            "Consensus on the target fails for this network, these pins and this observer, and the checks below say"
-            " why.",
-            "The reason is exact. More accuracy, another solver or more time cannot change it.",
-        ]
-        no = [
-            "It does not say that the task is impossible: another pin, arc, gain or observer may cure it."
-            " Where a cure is known, it is named here.",
-            "It does not say that every start fails; some may still converge.",
-        ]
-    else:
-        proved = sum(check.verdict is Verdict.PROVED for check in checks)
-        yes = [
-            "What was asked is neither proved nor refuted.",
-            f"{proved} of {len(checks)} checks are proved, and these remain valid.",
-        ]
-        no = [
-            "It does not say that consensus fails. A sufficient condition that is not met says nothing.",
-            "It does not say that consensus holds, even if a simulation below shows it.",
-        ]
-    return [*yes, *map(capitalize_first, safe)], [*no, _about_the_model(certificate.problem, _IDEAL)]
+    counts = {"proved": sum(check.verdict is Verdict.PROVED for check in checks), "all": len(checks)}
+    yes, no = (list(TEXTS[certificate.verdict.value][part]) for part in ("says", "says_not"))
+    yes = [text.format(**counts) for text in yes]
+    return [*yes, *map(capitalize_first, safe)], [*no, _about_the_model(certificate.problem, TEXTS["fixed"]["ideal"])]
 
 
 def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
@@ -225,10 +189,7 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
     else:
         yes = ["There is a neighbourhood of the target from which every agent goes to its goal."]
     if domain == "consensus":
-        no = [
-            "The proof is local: it holds near the target and states no radius. It says nothing about starts at a"
-            " given distance, even if simulations from there converge."
-        ]
+        no = [TEXTS["fixed"]["local"]]
     if problem.groups:
         yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
     if certificate.covered_by in ("schedule", "markov", "safety"):
@@ -240,7 +201,8 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
         rate = _number(certificate.rate)
         yes.append(f"The errors decay at least like exp(−{rate} t), t in seconds. The real decay may be faster.")
     proved = [each for each in certificate.checks if each.kind.role == "timing" and each.verdict is Verdict.PROVED]
-    return yes, [*no, _about_the_model(problem, _TIMED if len(proved) == len(ids_of("timing")) else _IDEAL)]
+    messages = TEXTS["fixed"]["timed" if len(proved) == len(ids_of("timing")) else "ideal"]
+    return yes, [*no, _about_the_model(problem, messages)]
 
 
 def deployment_words(certificate: Certificate) -> str:

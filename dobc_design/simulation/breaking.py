@@ -107,7 +107,7 @@ class Breaking(Headed):
         return breaking_sheet(self.sweeps, tolerance=self.tolerance, name=self.name, **borders)
 
     def _card(self) -> Card:
-        text = f"late errors above {self.tolerance:.0%} of the start; first to break: "
+        text = f"what breaks first (late errors above {self.tolerance:.0%} of the start, natural units): "
         return Card(
             title=self.name,
             text=text + (", ".join(self.order) or "nothing in the range tried"),
@@ -115,16 +115,6 @@ class Breaking(Headed):
             rows=[(each.option, each.survives, each.breaks, each.unit) for each in self.sweeps],
             lines=() if self.period is None else (f"Sampling period: {self.period}",),
         )
-
-    def __str__(self) -> str:
-        lines = [f"{self.name}: what breaks first (late error above {self.tolerance:.0%} of the start)"]
-        lines.append(f"  {'stress':<12} {'holds at':>10} {'breaks at':>10}")
-        for each in self.sweeps:
-            holds, breaks = ("-" if x is None else f"{x:.4g}" for x in (each.survives, each.breaks))
-            lines.append(f"  {each.option:<12} {holds:>10} {breaks:>10}  {each.unit}")
-        order = ", ".join(self.order) or "nothing in the range tried"
-        lines.append(f"  first to break, in units that are natural for each: {order}")
-        return "\n".join(lines if self.period is None else [*lines, f"  sampling period: {self.period}"])
 
     def to_json(self) -> dict[str, Any]:
         """JSON types: late errors are null where a run diverged."""

@@ -176,7 +176,7 @@ class Trajectory(Simulated):
         arcs: Mapping[str, Sequence[tuple[int, int]]] | None = None,
         force: bool = True,
     ) -> Path:
-        """Write the moving network to ``path``: .html, which needs no network, or .gif (needs Pillow).
+        """Write the moving network to ``path``, an .html file that loads nothing.
 
         ``arcs``: (listener, speaker) by mode, for graphs that are not the trajectory's own.  Raises: SpecError.
         """

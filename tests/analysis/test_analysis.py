@@ -183,7 +183,7 @@ def test_without_an_exosystem_or_a_gain_there_is_no_spectrum_and_a_gain_can_be_h
 def test_an_analysis_says_that_it_proves_nothing():
     analysis = diag.analyse(load_problem("paper-fixed"))
     text = str(analysis)
-    assert text.startswith("paper-fixed (diagnostics, not proofs)\n")
+    assert text.startswith("paper-fixed: diagnostics, not proofs\n")
     assert "lambda_max(Lambda) = -0.5823, small errors decay at 0.5099 1/s" in text
     assert "diagnostics, not proofs" in analysis._repr_html_()
 

@@ -117,21 +117,21 @@ def test_the_time_of_a_box_is_the_least_that_the_rate_proves():
 
 def test_the_time_of_a_ball_takes_the_softest_direction_of_its_weights():
     """e'P_e e <= 4 with P_e = diag(4, 1) allows |e_2| = 2; the tolerance is 1 % of the radius 1."""
-    claim = only(regions(chain(), lure(radius=1.0, P_e=[[0, 0, "4"], [1, 1, "1"]], level="4", rate=0.5)))
+    claim = only(regions(chain(), lure(radius=1.0, P_e=[[0, 0, "4"], [1, 1, "1"]], level="4")))
     assert claim.time is not None
-    assert 2 * math.exp(-0.5 * claim.time) <= 0.01
-    assert 2 * math.exp(-0.5 * (claim.time - 0.02)) > 0.01
+    assert 2 * math.exp(-claim.time) <= 0.01
+    assert 2 * math.exp(-(claim.time - 0.02)) > 0.01
     assert claim.variant == "P_e diagonal"
 
 
-def test_the_time_of_an_exhaustive_proof_starts_at_its_outer_level():
-    """e'e <= 4, though the inner level is 1: |e| <= 2 exp(-t), which is 0.01 after ln(200) s."""
+def test_the_time_of_an_exhaustive_proof_starts_at_its_ball():
+    """V = e'e <= 1 in the ball, though V <= 4 is invariant: |e| <= exp(-t), which is 0.01 after ln(100) s."""
     inner = lure(radius=1.0, P_e=[[0, 0, "1"], [1, 1, "1"]])
     shell = Shell(lure=inner.claim, outer=Fraction(4), half=Fraction(2), tree=".")
     outer = dataclasses.replace(inner, id="exhaustive", claim=shell)
     claim = only(regions(chain(), outer))
     assert claim.time is not None
-    assert 2 * math.exp(-claim.time) <= 0.01 < 2 * math.exp(-(claim.time - 0.01))
+    assert math.exp(-claim.time) <= 0.01 < math.exp(-(claim.time - 0.01))
 
 
 def test_times_of_all_methods_are_about_one_tolerance():

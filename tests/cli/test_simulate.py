@@ -249,7 +249,7 @@ def test_what_breaks_first_is_one_table_one_figure_and_one_document(dobc, proved
     assert dobc("ring.toml", "--what-breaks-first", "--t-final", 6, "--out", "here")[0] == 2
     monkeypatch.setattr(room, "OPTIONS", ("period",))
     _, out, _ = dobc("ring.toml", "--what-breaks-first", "--t-final", 6, "--certificate", proved)
-    assert re.search(r"sampling period: converges at 0\.28\d* s, no longer at 0\.28\d* s; certified up to 0\.13", out)
+    assert re.search(r"Sampling period: converges at 0\.28\d* s, no longer at 0\.28\d* s; certified up to 0\.13", out)
 
 
 def test_without_its_observer_the_papers_example_keeps_a_residual_and_the_full_loop_is_the_same(dobc):

@@ -35,6 +35,7 @@ def test_every_kind_of_difference_is_named_by_its_key(problem_with):
         observer=Observer(rate=2),
         region={"initial_states": [0, 5], "initial_disturbance": "1/2"},
         offsets={3: 1},
+        actuators={"limit": 10},
         network=Network.from_arcs({"Ga": [*ring(10)[1:], (1, 3)]}, arrow="listens_to", agents=10),
     )
     found = {key: (a, b) for key, a, b in differences(first, second)[0]}
@@ -47,11 +48,12 @@ def test_every_kind_of_difference_is_named_by_its_key(problem_with):
         "pinning.gains.2": ("–", "1/3"),
         "pinning.gains.6": ("5", "–"),
         "observer.rate": ("–", "2"),
-        "observer.W": ("[16/5, 12/5]", "–"),
-        "observer.P": ("[[1/2, -1/4], [-1/4, 1/3]]", "–"),
+        "observer.W": ("[3.2, 2.4]", "–"),
+        "observer.P": ("[[0.5, -0.25], [-0.25, 1/3]]", "–"),
         "formation.offsets.3": ("–", "1"),
         "region.initial_states": ("–", "[0, 5]"),
-        "region.initial_disturbance": ("–", "1/2"),
+        "region.initial_disturbance": ("–", "0.5"),
+        "actuators.limit": ("–", "10"),
     }
 
 
@@ -71,7 +73,7 @@ def test_a_weight_is_a_difference(problem_with):
     heavy = problem_with(
         network=Network.from_arcs({"Ga": [(*arcs[0][:2], "1/2"), *arcs[1:]]}, arrow="listens_to", agents=10)
     )
-    assert [values for _, *values in differences(light, heavy)[0]] == [["there", "weight 1/2"]]
+    assert [values for _, *values in differences(light, heavy)[0]] == [["there", "weight 0.5"]]
 
 
 @pytest.mark.parametrize(

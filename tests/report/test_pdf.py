@@ -116,8 +116,8 @@ def test_a_figure_keeps_its_colours_and_gets_its_alternative():
 
 def test_every_equation_of_the_loop_has_its_formula():
     template = (Path(of_report.__file__).parent / "templates" / "report.typ").read_text("utf-8")
-    assert all(f'"{name}": (' in template for name, _, _ in of_report.LOOP)
-    assert all(f'"{name}, disturbed": (' in template for name, _, _ in of_report.LOOP_DISTURBED)
+    assert all(f'"{name}": (' in template for name, _, _ in of_report.words.TEXTS["loop"]["plain"])
+    assert all(f'"{name}, disturbed": (' in template for name, _, _ in of_report.words.TEXTS["loop"]["disturbed"])
 
 
 def test_without_typst_the_message_names_the_extra(certificate, monkeypatch):

@@ -9,7 +9,7 @@ from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed
+from dobc_design._show.cards import MOST_ITEMS, Card, Headed, listed
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import SpecError
@@ -178,7 +178,7 @@ class TradePoint:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class TradeOff(Shown):
+class TradeOff(Headed):
     """One limit of a design in terms of another.
 
     ``curve``: "gain" (x: rate asked, y: sum of the gains), "pins" (x: how many agents, y: the rate that gains there
@@ -202,14 +202,6 @@ class TradeOff(Shown):
     def y_name(self) -> str:
         """What y is, with its unit."""
         return AXES[self.curve][1]
-
-    def __str__(self) -> str:
-        lines = [f"{self.name}: {self.y_name} against {self.x_name}"]
-        for point in self._all():
-            marks = ", ".join(point.pinned[:8]) + (", ..." if len(point.pinned) > 8 else "")
-            line = f"  {point.x:<10.4g} {point.y:<10.4g} {'pinned ' + marks if marks else ''}".rstrip()
-            lines.append(f"{line}   <- chosen" if point is self.chosen else line)
-        return "\n".join([*lines, *(f"  {sentence}" for sentence in self.sensitivity)])
 
     def plot(self, ax: Any = None) -> Any:
         """The curve with the chosen point.  Returns: a Sheet; with Matplotlib's ``ax`` these axes."""
@@ -239,6 +231,3 @@ class TradeOff(Shown):
         rows = [(f"{p.x:.4g}", f"{p.y:.4g}", listed(p.pinned), "chosen" * (p is self.chosen)) for p in self._all()]
         text, heads = f"{self.y_name} against {self.x_name}", (self.x_name, self.y_name, "pinned", "")
         return Card(title=self.name, text=text, rows=rows, lines=self.sensitivity, heads=heads)
-
-    def __repr__(self) -> str:
-        return f"<TradeOff of {self.name}: {self.y_name} against {self.x_name}, {len(self.points)} points>"

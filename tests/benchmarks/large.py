@@ -18,18 +18,16 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 from simulation import cpu
 
-from dobc_design import Check, Exosystem, Network, Observer, Problem, Region, Switching, certify
+from dobc_design import Exosystem, Network, Observer, Problem, Region, certify
 from dobc_design.certification import recheck
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import shown_bound
 from dobc_design.conditions.consensus.propose import _answer_at, _work, dominating_vector, float_lambda
-from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.separable import stage
 from dobc_design.conditions.separable.decide import coupling_profiles, verify_composite
 from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
 from dobc_design.conditions.separable.propose import design_separable, first_certificate
-from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.exact.zmatrix import float_rows
 
 SIZE = 100_000
@@ -38,9 +36,6 @@ MILLION = 1_000_000
 DEGREE = 12.0  # of the geometric network, on average; few agents are then alone
 GAIN = 3
 DISTURBANCE = Fraction(1, 2)
-# Couplings that fall again, on boxes that reach beyond the range on which they rise.
-FALLING = (("sin(y)", "6/5"), ("tanh(y)*(1 + 2*exp(-y**2))", "1"))
-FALLING_SIZE = 2000  # delays and sampling are not examined then
 KINDS = ("ring", "small world", "scale free", "geometric")
 HEADER = (
     f"{'network':<12} {'n':>8} {'arcs':>8} {'product':>9} {'propose':>9} {'decide':>9} {'re-check':>9} {'rows':>9}"
@@ -102,23 +97,6 @@ if wrong is not None:
 again = time.process_time() - started
 print(json.dumps(dict(decided=decided, again=again, peak=peak() - before, rate=check.rate or 0)))
 """
-# `certify` as a whole in a fresh process: CPU time, and the peak of its memory beyond the problem's.
-GUARANTEED = """
-import json, resource, sys, time
-sys.path[:0] = {folders!r}
-from large import in_turn
-from dobc_design.certification.certify import certify
-
-def peak():
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 2**20
-
-problem = in_turn({n})
-before, started = peak(), time.process_time()
-found = certify(problem)
-verdict, rate = found.verdict.value, found.rate and float(found.rate)
-print(json.dumps(dict(seconds=time.process_time() - started, peak=peak(), more=peak() - before, said=[verdict, rate])))
-"""
-IN_TURN = (5000, 10_000, 20_000)
 WEIGHTED = ("ring", "chain", "star", "scale free", "geometric")
 WEIGHTED_HEADER = (
     f"{'network':<12} {'n':>8} {'Lemma 1':>10} {'weighted':>10} {'ratio':>7} {'again':>10} {'memory':>9} {'memory':>9}"
@@ -192,31 +170,6 @@ def large_rows() -> Iterator[str]:
         yield measured(kind, SIZE)
     for n in GROWTH:
         yield measured("ring", n)
-
-
-def falling_rows() -> Iterator[str]:
-    """Max-separable certificates where a coupling falls in the box, beside tanh on the same network."""
-    yield f"{'h':<28} {'network':<12} {'n':>6} {'against tanh':>13}  verdict"
-    for kind in KINDS:
-        usual, _ = cpu(lambda kind=kind: _examined(kind, FALLING_SIZE, "tanh(y)", "1"), repeats=1)
-        for h, radius in FALLING:
-            time, check = cpu(lambda kind=kind, h=h, radius=radius: _examined(kind, FALLING_SIZE, h, radius), repeats=1)
-            yield f"{h:<28} {kind:<12} {FALLING_SIZE:>6} {time / usual:>12.1f}x  {check.verdict.value}, {check.domain}"
-
-
-def _examined(kind: str, n: int, h: str, radius: str) -> Check:
-    """The max-separable check alone, every start with |e|_inf <= radius asked for."""
-    given = large(kind, n)
-    side = Fraction(radius)
-    problem = Problem(
-        network=given.network,
-        coupling=h,
-        target=0,
-        gains={agent + 1: GAIN for agent in given.pinning.agents},
-        region=Region(initial_states=[-side, side], initial_disturbance=None),
-    )
-    asked = read_region(problem, None, domain="consensus", everything=False)
-    return separable_stage(asked, lambda message: None)[0]
 
 
 def measured(kind: str, n: int) -> str:
@@ -314,39 +267,6 @@ def _alone(kind: str, n: int, what: str) -> dict[str, float]:
     answer = _fresh(ALONE, kind=kind, n=n, what=what)
     found: dict[str, float] = json.loads(answer)
     return found
-
-
-def guaranteed_rows() -> Iterator[str]:
-    """`certify` of a geometric network whose arcs are on a quarter at a time, in turn; ratios to the smallest."""
-    yield "     n    arcs  seconds  us/arc  ratio      peak    beyond  ratio  verdict"
-    first: dict[str, float] = {}
-    for n in IN_TURN:
-        arcs = sum(len(mode.listeners) for mode in in_turn(n).network.modes.values())
-        answer = _fresh(GUARANTEED, n=n)
-        own: dict[str, Any] = json.loads(answer)
-        first = first or {"time": own["seconds"] / arcs, "memory": own["more"] / arcs}
-        yield (
-            f"{n:>6} {arcs:>7} {own['seconds']:>8.1f} {1e6 * own['seconds'] / arcs:>7.1f}"
-            f" {own['seconds'] / arcs / first['time']:>5.2f}x {own['peak']:>5.0f} MiB {own['more']:>5.0f} MiB"
-            f" {own['more'] / arcs / first['memory']:>5.2f}x  {own['said'][0]}, rate {own['said'][1]}"
-        )
-
-
-def in_turn(n: int) -> Problem:
-    """The geometric network, each arc in one of four modes by lot: none reaches everybody, 5 % are pinned."""
-    listeners, speakers = geometric(n)
-    rng, graph = np.random.default_rng(n), sp.csr_array((np.ones(len(listeners)), (listeners, speakers)), shape=(n, n))
-    lot = rng.integers(0, 4, len(listeners))
-    parts = {name: (listeners[lot == k], speakers[lot == k]) for k, name in enumerate("ABCD")}
-    modes = {name: sp.csr_array((np.ones(len(i)), (i, j)), shape=(n, n)) for name, (i, j) in parts.items()}
-    pinned = set(rng.choice(n, n // 20, replace=False).tolist()) | set(_first_agents(graph))
-    return Problem(
-        network=Network.from_sparse(modes, arrow="listens_to"),
-        coupling="exp(y) - 1 + y",
-        gains=dict.fromkeys(sorted(i + 1 for i in pinned), GAIN),
-        region=Region(initial_states=[-1, 1], initial_disturbance=None),
-        switching=Switching(guarantee="sequence", sequence=list("ABCD"), dwell=1),
-    )
 
 
 def write_problem(kind: str, n: int, folder: str) -> None:

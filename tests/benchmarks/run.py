@@ -23,8 +23,8 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
-from block_lmi import PROGRAMS, solve_dense
-from large import falling_rows, guaranteed_rows, lambda_rows, large_rows, weighted_rows, whole_bars
+from block_lmi import solve_dense
+from large import lambda_rows, large_rows, weighted_rows, whole_bars
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
 from reduced import solve_reduced
@@ -75,10 +75,8 @@ def main() -> None:
         "Designs": (each() for each in (large_design, shared_design)),
         "Growth of one simulated run, problem object to trajectory": chain([simulated], simulation_growth()),
         "Max-separable certificates of large networks, in products of the n x n matrix": large_rows(),
-        "Max-separable certificates where a coupling falls again": falling_rows(),
         "Certified radii of small cycles, beside other tools": peer_table(),
         "Large networks: products of the n x n matrix, CPU time and peak memory of the whole way": lambda_rows(),
-        "Arcs that are on a quarter at a time, in turn: certify as a whole, per arc": guaranteed_rows(),
         "The weighted theorem beside Lemma 1 (at most 3 times its time)": weighted_rows(),
     }
     for title, lines in sections.items():
@@ -89,9 +87,8 @@ def main() -> None:
 
 def bars() -> Iterator[Bar]:
     lmi = "Theorem 1, reduced vs block LMI in cvxpy"
-    yield against_dense(f"{lmi}, tr P + |Q|^2, n = 100 sparse", problem(100, random_balanced(100)), "size", bar=200)
-    yield against_dense(f"{lmi}, tr P + |Q|^2, n = 50 dense", problem(50, complete(50)), "size", bar=1000)
-    yield against_dense(f"{lmi}, min t, n = 100 cycle", problem(100, cycle(100)), "margin", bar=10)
+    yield against_dense(f"{lmi}, tr P + |Q|^2, n = 100 sparse", problem(100, random_balanced(100)), bar=200)
+    yield against_dense(f"{lmi}, tr P + |Q|^2, n = 50 dense", problem(50, complete(50)), bar=1000)
     yield tiny("tiny observer SDP: Clarabel directly vs rebuilt in cvxpy")
     paths = "definiteness, exact LDL' vs"
     yield against_elimination(f"{paths} factor with integer rest, n = 100 dense", gram(100), by_integer_rest, bar=50)
@@ -104,14 +101,14 @@ def bars() -> Iterator[Bar]:
         yield Bar(**row, ceiling=True)
 
 
-def against_dense(what: str, given: Problem, objective: str, *, bar: float) -> Bar:
+def against_dense(what: str, given: Problem, *, bar: float) -> Bar:
     """Both from the problem object to the solver's answer."""
 
     def dense() -> Solution:
-        return solve_dense(PROGRAMS[objective](pencils=state_theorems(given).psi()))
+        return solve_dense(Program(pencils=state_theorems(given).psi()))
 
     def small() -> Solution:
-        return solve_reduced(given, objective=objective)
+        return solve_reduced(given)
 
     ours, theirs = small(), dense()
     slow, fast = median_of(dense, repeats=5), median_of(small, repeats=25, inner=10)

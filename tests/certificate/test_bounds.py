@@ -158,12 +158,6 @@ def test_a_certificate_without_regions_bounds_nothing_and_says_what_to_ask_for()
     assert "ask for a [region]" in bound.reason
 
 
-def test_a_run_of_another_problem_is_refused(curved):
-    other = ring(n=N, coupling="exp(y) - 1 + y", region=REGION, name="other")
-    with pytest.raises(SpecError, match="it is one of 'other'"):
-        curved[1].envelope(dd.simulate(other, t_final=1))
-
-
 def test_a_claim_that_cannot_be_read_is_no_bound(curved):
     problem, certificate = curved
     check = certificate.check("max-separable")
@@ -171,17 +165,6 @@ def test_a_claim_that_cannot_be_read_is_no_bound(curved):
     claims = replace(certificate.claims, checks=(broken,))
     with pytest.raises(CertificateError, match="cannot be read"):
         replace(certificate, claims=claims).envelope(dd.simulate(problem, t_final=1))
-
-
-def test_the_figure_shows_the_bound_at_every_sample_of_the_axis(curved):
-    problem, certificate = curved
-    run = dd.simulate(problem, t_final=3)
-    errors = run.plot(certificate=certificate).figure.axes[-1]
-    line = next(each for each in errors.get_lines() if each.get_label() == "certified bound on |e|∞")
-    np.testing.assert_allclose(line.get_ydata(), certificate.envelope(run)(line.get_xdata()), rtol=1e-12)
-    assert line.get_xdata()[[0, -1]].tolist() == [0, 3]
-    with pytest.raises(SpecError, match="exclude each other"):
-        run.plot(certificate=certificate, envelope=[[0, 1], [1, 1]])
 
 
 def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
@@ -238,44 +221,37 @@ def test_the_bound_by_weights_is_their_largest_over_their_least():
     assert 1 <= found < 1.1
 
 
+SEQUENCE = {"guarantee": "sequence", "longest": None}
+
+
 @pytest.mark.parametrize(
-    ("signal", "kept"),
+    ("turns", "signal", "kept"),
     [
-        (dd.signals.Periodic(dwell=1.05), True),
-        (dd.signals.Periodic(dwell=[1, 1.1]), True),
-        (dd.signals.Periodic(dwell=[1, 1, 1], order=["A", "B", "A"]), False),
-        (dd.signals.Periodic(dwell=[0.9, 1]), False),
-        (dd.signals.Periodic(dwell=1.2), False),
-        (dd.signals.RandomDwell(dwell=1), False),
-        (dd.signals.RandomDwell(dwell=1.05, longest=1.1), True),
-        (dd.signals.RandomDwell(dwell=0.9, longest=1.1), False),
-        (dd.signals.RandomDwell(dwell=1, longest=1.2), False),
-        (dd.signals.Fixed(), False),
-        (dd.signals.Markov(generator=[[-1, 1], [1, -1]]), False),
+        ({}, dd.signals.Periodic(dwell=1.05), True),
+        ({}, dd.signals.Periodic(dwell=[1, 1.1]), True),
+        ({}, dd.signals.Periodic(dwell=[1, 1, 1], order=["A", "B", "A"]), False),
+        ({}, dd.signals.Periodic(dwell=[0.9, 1]), False),
+        ({}, dd.signals.Periodic(dwell=1.2), False),
+        ({}, dd.signals.RandomDwell(dwell=1), False),
+        ({}, dd.signals.RandomDwell(dwell=1.05, longest=1.1), True),
+        ({}, dd.signals.RandomDwell(dwell=0.9, longest=1.1), False),
+        ({}, dd.signals.RandomDwell(dwell=1, longest=1.2), False),
+        ({}, dd.signals.Fixed(), False),
+        ({}, dd.signals.Markov(generator=[[-1, 1], [1, -1]]), False),
+        (SEQUENCE, dd.signals.Periodic(dwell=1, order=["A", "B"]), True),
+        (SEQUENCE, dd.signals.Periodic(dwell=1, order=["B", "A"]), False),
+        (SEQUENCE, dd.signals.Periodic(dwell=2, order=["A", "B"]), False),
+        (SEQUENCE, dd.signals.RandomDwell(dwell=1), False),
     ],
     ids=str,
 )
-def test_a_run_under_another_signal_has_no_bound_by_the_guarantee(signal, kept):
-    run = dd.simulate(relay(), signal=signal, t_final=1)
-    assert keeps_guarantee(relay(), json.loads(run.signal)) is kept
+def test_a_run_under_another_signal_has_no_bound_by_the_guarantee(turns, signal, kept):
+    problem = relay(turns=turns)
+    run = dd.simulate(problem, signal=signal, t_final=1)
+    assert keeps_guarantee(problem, json.loads(run.signal)) is kept
     assert ("The signal need not keep the guarantee of [switching]." in run.notes) is not kept
     if isinstance(signal, dd.signals.Fixed):
-        assert dd.certify(relay()).envelope(run).reason == "the proof is not about the signal of the run"
-
-
-@pytest.mark.parametrize(
-    ("signal", "kept"),
-    [
-        (dd.signals.Periodic(dwell=1, order=["A", "B"]), True),
-        (dd.signals.Periodic(dwell=1, order=["B", "A"]), False),
-        (dd.signals.Periodic(dwell=2, order=["A", "B"]), False),
-        (dd.signals.RandomDwell(dwell=1), False),
-    ],
-    ids=str,
-)
-def test_a_sequence_is_kept_by_itself_alone(signal, kept):
-    problem = relay(turns={"guarantee": "sequence", "longest": None})
-    assert keeps_guarantee(problem, json.loads(dd.simulate(problem, signal=signal, t_final=1).signal)) is kept
+        assert dd.certify(problem).envelope(run).reason == "the proof is not about the signal of the run"
 
 
 def test_a_settling_time_of_a_sequence_bounds_no_other_signal():
@@ -336,12 +312,6 @@ def test_a_run_that_does_not_say_of_which_problem_it_is_has_no_bound(curved):
     bound = certificate.envelope(replace(dd.simulate(problem, t_final=0.5), loop_sha256=""))
     assert not bound.sources
     assert "does not record of which problem" in bound.reason
-
-
-def test_a_stored_run_keeps_its_problem(curved, tmp_path):
-    problem, certificate = curved
-    path = dd.simulate(problem, t_final=0.5).save(tmp_path / "run.npz")
-    assert certificate.envelope(dd.load_trajectory(path)).sources
 
 
 def test_the_certified_period_is_that_of_a_proved_check(curved):

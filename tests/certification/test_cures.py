@@ -5,7 +5,6 @@ from fractions import Fraction
 
 import pytest
 from cured import cured, theorem_holds
-from exact_oracle import Oracle, negative_definite
 from linked import linked
 from regions import without_region
 
@@ -186,15 +185,6 @@ def test_a_printed_p_that_is_no_lyapunov_matrix_is_replaced_by_the_one_that_was_
     problem = changed_problem(without_region("paper-fixed"), {"observer.P": [[1, 0], [0, -1]]})
     fix = certify(problem).check("theorem1-printed").fix
     assert certify(cured(problem, fix.set)).check("theorem1-printed").verdict is Verdict.PROVED
-
-
-def test_several_modes_share_the_gains_of_one_cure():
-    modes = {"Ga": [[1, 2], [2, 3], [3, 1]], "Gb": [[1, 2, 4], [2, 1]]}
-    problem = linked(modes, coupling="tanh(y)", gains={1: "1/10"}, exosystem=HARMONIC)
-    fix = certify(problem).check("theorem2").fix
-    oracle = Oracle(cured(problem, fix.set))
-    assert all(negative_definite(oracle.lambda_(mode)) for mode in modes)
-    assert theorem_holds(cured(problem, fix.set))
 
 
 def test_what_holds_and_kinked_couplings_get_no_cure_and_a_library_that_breaks_down_costs_it_alone(monkeypatch):

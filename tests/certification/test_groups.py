@@ -130,25 +130,6 @@ def test_a_group_with_an_undetectable_exosystem_refutes_the_theorem_and_leaves_t
     assert certify(slower).verdict is Verdict.PROVED
 
 
-def test_an_unstable_gain_of_one_group_refutes_consensus_where_its_error_reaches_the_agents():
-    problem = hidden([[0]], [[1]], Observer(W=[[-1]]))
-    certificate = certify(problem)
-    assert certificate.verdict is Verdict.REFUTED
-    assert "W of the group of agent 2" in certificate.reason
-    assert certificate.check("theorem1").exact == {"block": "hurwitz", "group": "2"}
-    assert verify(certificate, problem).holds
-    unseen = hidden([[1]], [[0]], Observer(W=[[-1]]))  # A - WC = 1, but C sees nothing of it
-    assert certify(unseen).verdict is Verdict.UNDECIDED
-    assert verify(certify(unseen), unseen).holds
-    # one group may bring its gain and another have it designed
-    problem = hidden([[0, 1], [0, 0]], [[1, 0]], Observer())
-    certificate = certify(problem)
-    assert certificate.verdict is Verdict.PROVED
-    assert certificate.claims.gain_source == "designed"
-    assert certificate.claims.W[0] == (2, 0)
-    assert any("Group of agent 2 (agent 2): No W was given." in note for note in certificate.claims.notes)
-
-
 @pytest.mark.parametrize("name", ["W", "P"])
 def test_a_matrix_with_an_entry_between_two_groups_is_refused(name):
     problem = hidden([[0]], [[1]], Observer())

@@ -3,7 +3,6 @@
 Measured in a child process; the bounds are several times what is needed.
 """
 
-import json
 import os
 import subprocess
 import sys
@@ -171,12 +170,6 @@ def test_a_wrong_time_limit_is_refused_by_its_name(wrong: str):
     assert refused.value.key == "--time-limit"
 
 
-def test_the_command_line_refuses_a_wrong_time_limit(tmp_path: Path):
-    found = ran(tmp_path, "certify", "paper-fixed", "--time-limit", "soon", "--json")
-    assert found.returncode == 2
-    assert json.loads(found.stdout)["error"]["key"] == "--time-limit"
-
-
 def loaded(folder: Path, text: str) -> dd.Problem:
     (folder / "problem.toml").write_text(text, encoding="utf-8")
     return dd.load_problem(folder / "problem.toml")
@@ -223,24 +216,6 @@ def test_a_faster_observer_reaches_a_rate_that_gains_alone_do_not(tmp_path: Path
     assert found.rate is not None
     assert found.rate >= 0.9
     assert "deciding the theorem" in stages
-
-
-@pytest.mark.parametrize("rate", ["1.15", "1.6"])
-def test_rates_that_the_plain_v_does_not_reach_are_proved_with_weights(rate: str, tmp_path: Path):
-    """For V = e'e the fastest with two pins is near 1.05 1/s, and comes as the nearest request."""
-    problem = loaded(tmp_path, FIVE)
-    found = dd.design(problem, rate=rate, pins=2)
-    assert found.verdict is dd.Verdict.PROVED
-    assert (found.rate or 0) >= float(rate)
-    assert (found.certificate or dd.certify(problem)).covered_by == "theorem1-weighted"
-
-
-@pytest.mark.parametrize("rate", ["2.5", "4"])
-def test_a_rate_that_two_pins_cannot_reach_comes_with_more_pins_that_do(rate: str, tmp_path: Path):
-    found = dd.design(loaded(tmp_path, FIVE), rate=rate, pins=2)
-    assert (found.verdict, found.binding) == (dd.Verdict.REFUTED, "pins")
-    assert found.nearest is not None and len(found.nearest.gains) > 2
-    assert (found.nearest.rate or 0) >= float(rate)
 
 
 @pytest.mark.parametrize(("arcs", "radius"), [("[2, 1]", "1.6"), ("[2, 1, 1.02]", "1.81")])

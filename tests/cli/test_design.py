@@ -81,15 +81,6 @@ def test_the_nearest_request_can_be_typed_as_it_is_shown(dobc):
     assert dobc(*command.split()[1:])[0] == 0
 
 
-def test_a_file_that_is_there_stays_unless_force_is_given(dobc, tmp_path: Path):
-    (tmp_path / "new.toml").write_text("mine", encoding="utf-8")
-    code, _, err = dobc("design", "star.toml", "--out", "new.toml")
-    assert code == 2
-    assert "exists already" in err
-    assert (tmp_path / "new.toml").read_text("utf-8") == "mine"
-    assert dobc("design", "star.toml", "--out", "new.toml", "--force", "--quiet")[:2] == (0, "")
-
-
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [

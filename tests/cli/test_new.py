@@ -5,7 +5,6 @@ import os
 import re
 import subprocess
 import sys
-import tomllib
 from importlib import metadata
 from pathlib import Path
 
@@ -13,9 +12,7 @@ import pytest
 
 from dobc_design import Verdict, certify, load_problem, verify
 from dobc_design.cli.doctor import Item, examine, install_command
-from dobc_design.cli.new import scaffold
 from dobc_design.cli.output import ids, problem_names
-from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem.schema import json_schema
 
 
@@ -66,15 +63,6 @@ def test_a_name_that_cannot_name_files_is_refused(dobc, name):
     assert code == 2
     assert "NAME must be" in err
     assert list(Path().iterdir()) == []
-
-
-def test_the_starter_file_keeps_to_the_schema():
-    """Read by an independent reader of JSON Schema, where one is installed."""
-    jsonschema = pytest.importorskip("jsonschema", reason="comes with jupyterlab, dobc_design[notebook]")
-    document = tomllib.loads(scaffold("swarm")["swarm.toml"].decode())
-    jsonschema.Draft202012Validator(json_schema()).validate(document)
-    document["coupling"]["g"] = "y"
-    assert not jsonschema.Draft202012Validator(json_schema()).is_valid(document)
 
 
 def test_new_from_arcs_makes_a_problem_of_them(dobc):
@@ -146,21 +134,6 @@ def test_doctor_without_programs_names_their_packages(monkeypatch):
     found = {each.item: each for each in examine() if each.group == "programs"}
     wanted = {"coqc": "coq", "gcc": "gcc", "chromium": "chromium", "csdp": "coinor-csdp"}
     assert {name: each.install.removeprefix("sudo apt-get install ") for name, each in found.items()} == wanted
-
-
-def test_every_condition_of_a_certificate_has_its_explanation(dobc):
-    code, out, _ = dobc("explain")
-    assert code == 0
-    assert [line.split()[0] for line in out.splitlines()] == list(KINDS)
-    assert [each["id"] for each in json.loads(dobc("explain", "--json")[1])["conditions"]] == list(KINDS)
-    for text in KINDS.values():
-        assert min(map(len, (text.plain, text.meaning, text.proved, text.refuted, text.source))) > 5
-
-
-def test_a_misspelt_condition_is_recognised(dobc):
-    code, _, err = dobc("explain", "theorm2")
-    assert code == 2
-    assert "Did you mean theorem2?" in err
 
 
 def test_completion_offers_problems_files_and_conditions(tmp_path, monkeypatch):

@@ -120,12 +120,6 @@ def test_a_tolerance_that_is_no_length_leaves_with_2_and_names_the_option(dobc, 
         assert (ran[0], "--settling must be > 0" in ran[1] + ran[2]) == (2, True)
 
 
-def test_a_network_without_pins_leaves_with_1(dobc):
-    code, out, _ = dobc("loose.toml")
-    assert code == 1
-    assert "REFUTED" in out
-
-
 def test_a_narrow_terminal_has_its_reasons_below_the_table_and_no_number_is_cut(dobc, monkeypatch):
     for columns in (80, 50):
         monkeypatch.setenv("COLUMNS", str(columns))

@@ -205,13 +205,6 @@ def test_a_certificate_is_drawn_into_the_figure_and_bounds_the_end(dobc, proved)
     assert f"final |e|_inf <= {certified['final_error']:.4g}, by max-separable" in out
 
 
-def test_a_run_that_no_certificate_is_about_gets_a_note_in_place_of_a_bound(dobc, proved):
-    code, out, _ = dobc("ring.toml", "--t-final", 1, "--noise", 0.1, "--certificate", proved, "--json")
-    document = json.loads(out)
-    assert (code, document["certified"]) == (0, None)
-    assert "No certified bound: no certificate is about a loop under stress." in document["notes"]
-
-
 def test_a_certificate_that_does_not_hold_shows_nothing(dobc, proved):
     """Its rate, raised by hand; and the certificate of one problem beside another."""
     place = proved / "certificate.json"
@@ -250,20 +243,6 @@ def test_what_breaks_first_is_one_table_one_figure_and_one_document(dobc, proved
     monkeypatch.setattr(room, "OPTIONS", ("period",))
     _, out, _ = dobc("ring.toml", "--what-breaks-first", "--t-final", 6, "--certificate", proved)
     assert re.search(r"Sampling period: converges at 0\.28\d* s, no longer at 0\.28\d* s; certified up to 0\.13", out)
-
-
-def test_without_its_observer_the_papers_example_keeps_a_residual_and_the_full_loop_is_the_same(dobc):
-    """Example 1: about 0.3 for ever; with the observer it is gone."""
-    code, out, _ = dobc("paper-fixed", "--observer", "off")
-    assert code == 0
-    assert 0.1 < float(re.search(r"final \|e\|_inf +([\d.e-]+)", out)[1]) < 0.35
-    assert "Note: The observer is off: the disturbance is not compensated." in out
-    ends = [
-        json.loads(dobc("paper-fixed", "--t-final", 3, "--observer", each, "--json")[1])["final_error"]["max"]
-        for each in ("closed-form", "full-loop")
-    ]
-    assert ends[0] == pytest.approx(ends[1], abs=1e-7)
-    assert dobc("paper-fixed", "--observer", "slow")[0] == 2
 
 
 def test_a_file_may_say_where_its_runs_start_and_who_is_near(dobc):

@@ -77,15 +77,6 @@ def test_a_mistake_is_one_message_and_nothing_is_written(dobc, options, words):
     assert [path.name for path in Path().iterdir()] == ["chain.toml"]
 
 
-def test_a_folder_of_another_sweep_is_refused_with_the_way_out(dobc):
-    dobc("chain.toml", "coupling.h=y", "--jobs", 1)
-    code, _, err = dobc("chain.toml", "coupling.h=tanh(y)", "--jobs", 1)
-    assert code == 2
-    assert "was made for another sweep, with another choice of values" in err
-    assert "--force to begin anew" in err
-    assert dobc("chain.toml", "coupling.h=tanh(y)", "--jobs", 1, "--force")[0] == 0
-
-
 def test_without_dask_the_message_says_what_to_install(dobc, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     code, _, err = dobc("chain.toml", "coupling.h=y", "--cluster", "local")

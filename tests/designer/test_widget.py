@@ -28,13 +28,6 @@ def designer() -> dd.Designer:
     return dd.Designer(problem("tanh(y) + y", [[2, 1], [3, 2]], 3, target=2, gains={1: 3}, name="line"))
 
 
-def test_it_shows_the_problem_it_was_given(designer):
-    assert designer.gains == {"1": 3.0}
-    assert designer.network["labels"] == ["1", "2", "3"]
-    assert designer.arcs == {"G": [[1, 0, "1"], [2, 1, "1"]]}
-    assert designer.problem.pinning.gains == {0: ((Fraction(3),),)}
-
-
 def test_until_something_is_changed_the_problem_is_the_one_given_exactly():
     """A region that is not symmetric, a gain that no double equals."""
     region = {"initial_states": [0, 5]}
@@ -75,14 +68,6 @@ def test_the_python_of_a_problem_builds_an_equal_problem(source, tmp_path):
     found = runpy.run_path(str(tmp_path / "script.py"))["problem"]
     assert found == wanted
     assert canonical_bytes(found) == canonical_bytes(wanted)
-
-
-def test_sliders_set_exact_numbers(designer):
-    designer.gains = {"1": 0.1, "3": 2.5}
-    designer.radius = 1.2
-    gains = designer.problem.pinning.gains
-    assert gains == {0: ((Fraction(1, 10),),), 2: ((Fraction(5, 2),),)}
-    assert designer.problem.region.initial_states == ((Fraction(4, 5), Fraction(16, 5)),)
 
 
 def test_the_exact_verdict_is_that_of_certify_and_goes_with_the_next_move(designer):

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from evidence import (
     accuracy,
     agreement,
-    bad_files,
     bad_samples,
     certificates,
     designs,
@@ -14,12 +13,10 @@ from evidence import (
     falsified,
     hadamard,
     hostile,
-    jacobians,
     local,
     margins,
     mutation,
     notebooks,
-    optimal,
     pinning,
     robustness,
     same_bytes,
@@ -44,8 +41,6 @@ class Item:
 
 
 ITEMS = (
-    Item(name="jacobians", run=jacobians.run, count=200, seed=4000),
-    Item(name="bad-files", run=bad_files.run, count=10_000, seed=5000),
     Item(name="bad-samples", run=bad_samples.run, count=800, seed=4100, share=20),
     Item(name="recheck", run=certificates.recheck, count=500, seed=6000, share=100),
     Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000, share=0),
@@ -68,14 +63,11 @@ ITEMS = (
     Item(name="agreement", run=agreement.run, count=400, seed=8500, share=80),
     Item(name="cures", run=certificates.cures, count=500, seed=8000, share=50),
     Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),
-    Item(name="any-sign", run=local.any_sign, count=400, seed=9200, share=40),
     Item(name="linear-agents", run=local.linear_agents, count=300, seed=0, share=30),
     Item(name="decided", run=certificates.decided, count=500, seed=9000, share=40),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=100),  # points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=200),  # the count is starts
     Item(name="pins", run=pinning.choices, count=100, seed=9500),
-    Item(name="optimal", run=optimal.pinning, count=10_000, seed=9700),
-    Item(name="optimal-boxes", run=optimal.boxes, count=10_000, seed=9750),
     Item(name="designs", run=designs.requests, count=100, seed=9900),
     Item(name="true-rate-designs", run=designs.true_rate, count=200, seed=9950, share=40),
     Item(name="built-in-designs", run=designs.built_in, count=6, seed=0),
@@ -84,7 +76,6 @@ ITEMS = (
     Item(name="linear-runs", run=simulations.linear, count=200, seed=9100, share=20),
     Item(name="sampled-runs", run=simulations.sampled, count=300, seed=9200, share=20),
     Item(name="stressed-runs", run=simulations.stressed, count=300, seed=9300, share=20),
-    Item(name="stacked-runs", run=simulations.stacked, count=150, seed=9350, share=20),
     Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400, share=60),
     Item(name="schedules", run=schedules.verdicts, count=500, seed=0, share=33),
     Item(name="schedule-runs", run=schedules.runs, count=10_000, seed=0, share=100),

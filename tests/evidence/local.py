@@ -43,33 +43,6 @@ def digraphs(count: int, seed: int) -> Row:
     return Row("random digraphs: proved near the target iff reached, at the true rate", count, failures, [note])
 
 
-def any_sign(count: int, seed: int) -> Row:
-    """Slopes of both signs: proved, or refuted, as the eigenvalues of J - K say."""
-    failures, verdicts = [], {"proved": 0, "refuted": 0, "undecided": 0}
-    for number in range(count):
-        r = Random(f"signs {seed + number}")
-        n = r.randint(2, 8)
-        arcs = [
-            [i, j, r.randint(1, 4)] for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.5
-        ]
-        arcs = arcs or [[1, 2, 1]]
-        falling = {(i - 1, j - 1): "-y/2" for i, j, _ in arcs if r.random() < 0.25}
-        gains = {i: r.randint(1, 5) for i in range(1, n + 1) if r.random() < 0.5} or {1: 1}
-        network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-        h, exosystem = r.choice(["tanh(y)", "y"]), r.choice([None, dd.exosystems.harmonics(2)])
-        problem = Problem(network=network, coupling=h, exceptions=falling, gains=gains, exosystem=exosystem)
-        slopes = {(i, j): w * (Fraction(-1, 2) if (i - 1, j - 1) in falling else 1) for i, j, w in arcs}
-        mu = float(np.linalg.eigvals(np.array(_stiffness(n, slopes, gains), dtype=float)).real.min())
-        certificate = dd.certify(problem)
-        verdict = certificate.verdict.value
-        verdicts[verdict] += 1
-        if abs(mu) > EDGE and verdict != ("proved" if mu > 0 else "refuted"):
-            failures.append(f"{seed + number}: {verdict}, mu = {mu:.6g}")
-        if not dd.verify(certificate, problem).holds:
-            failures.append(f"{seed + number}: verify refuses it")
-    return Row("couplings of both signs: the verdict is that of the eigenvalues", count, failures, [str(verdicts)])
-
-
 def _digraph(r: Random, *, n: int) -> tuple[Problem, list[list[Fraction]]]:
     """Weighted arcs at random, with a cycle through all or not, a few pins; and M = L(a) + K."""
     arcs = {(i, r.randint(1, n)): r.randint(10, 500) for i in range(1, n + 1) for _ in range(r.randint(0, 3))}

@@ -4,9 +4,10 @@ from itertools import combinations
 from random import Random
 
 from evidence.row import Row
+from small_designs import digraph
 
 import dobc_design as dd
-from dobc_design import Network, Problem, Verdict
+from dobc_design import Problem, Verdict
 from dobc_design.conditions.consensus.pinning import for_rate, network_blocks, smallest_gains
 
 AGREE = 1e-6
@@ -18,7 +19,7 @@ def choices(count: int, seed: int) -> Row:
     for number in range(count):
         r = Random(seed + number)
         n = r.randint(4, 12)
-        problem = _digraph(r, n, density=2.5 / n)
+        problem = digraph(r, n, density=2.5 / n, cycle=False)
         pins = r.randint(1, 3)
         best = _best_of_all(problem, 0.2, pins)
         design = dd.design_pinning(problem, rate="1/5", pins=pins, digits=9, conservative=True)
@@ -28,13 +29,6 @@ def choices(count: int, seed: int) -> Row:
         elif not (best * (1 - AGREE) <= design.lower_bound and design.cost <= best * (1 + AGREE)):
             failures.append(f"{seed + number}: cost {float(design.cost):.9g}, by exhaustive search {best:.9g}")
     return Row("agents to pin: as exhaustive search, n to 12, with a proved bound", count, failures)
-
-
-def _digraph(r: Random, n: int, *, density: float, cycle: bool = False) -> Problem:
-    pairs = {(i, i % n + 1) for i in range(1, n + 1)} if cycle else set()
-    pairs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < density}
-    arcs = [[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)]
-    return Problem(network=Network.from_arcs(arcs, arrow="listens_to", agents=n), coupling="y")
 
 
 def _best_of_all(problem: Problem, rate: float, pins: int) -> float | None:

@@ -1,6 +1,6 @@
 """Random loops, simulated: against matrix exponentials and powers of matrices, under stress, below certified bounds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -139,50 +139,18 @@ def sampled(count: int, seed: int) -> Row:
 
 
 def stressed(count: int, seed: int) -> Row:
-    """Random stresses in any combination: the same again for the same seed, bounds kept, valid where it ends."""
-    failures, ended = [], 0
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
-        problem = loop(rng, coupling="exp(y) - 1 + y" if number % 2 else "2*tanh(y/2)")
-        stress = random_stress(rng, problem)
-        given = {"signal": Periodic(dwell=0.3), "start": start_of(problem, rng), "t_final": 1.5, "samples": 16}
-        one, again = (simulate(problem, seed=number, stress=stress, tolerance=1e-7, **given) for _ in range(2))
-        ended += one.diverged
-        wrong = []
-        if not np.array_equal(one.x, again.x):
-            wrong.append("not the same again")
-        if not all(np.isfinite(part).all() for part in (one.x, one.u, one.dhat)):
-            wrong.append("not finite")
-        frozen = [each.agent for each in stress.failures if each.kind == "freeze"]
-        if stress.saturation is not None and not np.abs(one.u).max() <= stress.saturation:
-            wrong.append("u beyond its bound")
-        for each in stress.failures:
-            place, step = int(each.agent) - 1, stress.period or 0.0
-            late = one.u[one.times >= each.time + step, place]
-            if late.size and (np.ptp(late, axis=0).any() if each.agent in frozen else late.any()):
-                wrong.append(f"agent {each.agent} still acts")
-        failures += [f"seed [{seed}, {number}], {stress}: {each}" for each in wrong]
-    what = "random stresses in any combination"
-    return Row(what, count, failures, [f"{ended} of them ended early, with a reason"], least=count)
-
-
-def stacked(count: int, seed: int) -> Row:
-    """Random stresses in any combination, two runs side by side: the same as one by one, where all is integrated."""
+    """Random stresses in any combination, two runs side by side: the same as one by one, where all is integrated; the
+    single runs keep their bounds and are valid where they end."""
     failures, worst, alone = [], 0.0, 0
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         problem = loop(rng, coupling="exp(y) - 1 + y" if number % 2 else "2*tanh(y/2)")
-        given = {
-            "signal": RandomDwell(dwell=0.11),
-            "start": start_of(problem, rng),
-            "t_final": 1.0,
-            "samples": 14,
-            "stress": random_stress(rng, problem),
-        }
-        many = simulate_many(problem, runs=2, seed=number, **given)
+        stress = random_stress(rng, problem)
+        given = {"signal": RandomDwell(dwell=0.11), "start": start_of(problem, rng), "t_final": 1.0, "samples": 14}
+        many = simulate_many(problem, runs=2, seed=number, stress=stress, **given)
         alone += "side by side" not in many.method
         for row in range(2):
-            run = simulate(problem, seed=number + row, **given)
+            run = simulate(problem, seed=number + row, stress=stress, **given)
             kept = int(np.searchsorted(many.times, run.times[-1], side="right"))
             gap = max(
                 np.abs(many.error[row, :kept] - run.error()[:kept]).max() / (1 + np.abs(run.x).max()),
@@ -190,12 +158,26 @@ def stacked(count: int, seed: int) -> Row:
                 / (1 + np.abs(run.d).max()),
             )
             worst = max(worst, float(gap))
+            wrong = list(broken(run, stress))
             if not (gap < 1e-5 and many.diverged[row] == run.diverged and many.switches[row] == len(run.switches) - 1):
-                failures.append(f"seed [{seed}, {number}], {given['stress']}: {gap:.1e} apart")
+                wrong.append(f"{gap:.1e} apart")
+            failures += [f"seed [{seed}, {number}], {stress}: {each}" for each in wrong]
     if 4 * alone > count:  # else the runs would have been held against themselves
         failures.append(f"{alone} of {count} ensembles were made one by one")
     what = "random stresses, side by side against one by one"
     return Row(what, count, failures, [f"largest difference {worst:.1e}"], least=count)
+
+
+def broken(run: Any, stress: Stress) -> Iterator[str]:
+    """What a run under stress must not do."""
+    if not all(np.isfinite(part).all() for part in (run.x, run.u, run.dhat)):
+        yield "not finite"
+    if stress.saturation is not None and not np.abs(run.u).max() <= stress.saturation:
+        yield "u beyond its bound"
+    for each in stress.failures:
+        late = run.u[run.times >= each.time + (stress.period or 0.0), int(each.agent) - 1]
+        if late.size and (np.ptp(late, axis=0).any() if each.kind == "freeze" else late.any()):
+            yield f"agent {each.agent} still acts"
 
 
 def random_stress(rng: np.random.Generator, problem: Problem) -> Stress:

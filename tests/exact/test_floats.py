@@ -161,11 +161,3 @@ def test_numbers_remembered_in_floats_change_neither_what_is_shown_nor_what_is_w
     assert found.contains(third)
     assert (repr(third), third) == (before, Interval.point(Fraction(1, 3)))
     assert pickle.loads(pickle.dumps([third, found])) == [third, found]
-
-
-@pytest.mark.parametrize("whole", [3, -(2**53), 2**53 + 1, -(10**40)])
-def test_an_integer_lies_in_its_floats(whole: int):
-    """Beyond 2^53 not every integer is a float."""
-    found = Floats.around(whole)
-    assert found.lo <= whole <= found.hi
-    assert found.is_point == (float(whole) == whole)

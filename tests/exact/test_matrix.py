@@ -27,16 +27,6 @@ def to_sympy(M):
     return sympy.Matrix([[sympy.Rational(x.numerator, x.denominator) for x in row] for row in M])
 
 
-def test_rows_of_numbers_become_fractions():
-    """Contract: text, floats and integers are exact."""
-    assert matrix([["16/5", 3.2], [1, Fraction(1, 2)]]) == (
-        (Fraction(16, 5), Fraction(16, 5)),
-        (Fraction(1), Fraction(1, 2)),
-    )
-    assert matrix([]) == ()
-    assert matrix(np.array([[0.1, 2.0]])) == ((Fraction(1, 10), Fraction(2)),)
-
-
 @pytest.mark.parametrize("bad", [[1, 2], ["12", "34"], "12", 5, None, {1: 2}, [{1: 2}], np.array(1.0), [b"1"]])
 def test_what_is_no_list_of_rows_is_refused(bad):
     with pytest.raises(ShapeError, match=r"^A must"):
@@ -171,16 +161,6 @@ def test_a_fitting_matrix_gives_its_shape():
     assert require_shape(((1, 2, 3), (4, 5, 6)), (2, None), name="C") == (2, 3)
     assert require_shape(np.zeros((4, 1)), (None, 1), name="W") == (4, 1)
     assert require_square(((1, 2), (3, 4)), name="A") == 2
-
-
-def test_the_error_names_matrix_shape_and_reason():
-    """Style page: "exosystem.C must have 2 columns, one per exosystem state ...; got shape (1, 3)."."""
-    with pytest.raises(ShapeError) as caught:
-        require_shape(((1, 2, 3),), (None, 2), name="exosystem.C", because="one per exosystem state (A is 2x2)")
-    assert str(caught.value) == (
-        "exosystem.C must have 2 columns, one per exosystem state (A is 2x2); got shape (1, 3)."
-    )
-    assert caught.value.key == "exosystem.C"
 
 
 @pytest.mark.parametrize(

@@ -113,16 +113,6 @@ def test_a_hidden_block_shows_its_polynomial_in_any_coordinates(A1, A2, coupling
         assert (found.verdict is PROVED) == (trace < 0 < det)
 
 
-def test_a_pair_of_size_thirty_is_decided():
-    """Ten copies of a third-order system, five of them hidden; numbers go through python-flint."""
-    rng = np.random.default_rng(4)
-    A1, A2 = rng.integers(-3, 4, (15, 15)), rng.integers(-3, 4, (15, 15)) - 40 * np.eye(15, dtype=int)
-    A = exact.from_float(np.block([[A1, np.zeros((15, 15), int)], [rng.integers(-3, 4, (15, 15)), A2]]), None)
-    C = exact.from_float(np.hstack([rng.integers(-3, 4, (1, 15)), np.zeros((1, 15), int)]), None)
-    assert exact.decide_observable(A, C).rank == 15
-    assert exact.decide_detectable(A, C).verdict is PROVED
-
-
 def test_shapes_that_do_not_fit_are_refused():
     for name in ("observability_matrix", "decide_observable", "decide_detectable", "observable_reduction"):
         function = getattr(exact, name)

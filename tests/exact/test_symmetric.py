@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact import IntegerSymmetric, SparseSymmetric, add, from_float, identity, multiply, scale, to_float
-from dobc_design.exact.symmetric import Doubles, both_triangles, in_integers, least, limbs, signs_of_product
+from dobc_design.exact.symmetric import Doubles, both_triangles, in_integers, least, signs_of_product
 
 PLACES = st.tuples(st.integers(0, 4), st.integers(0, 4)).map(lambda p: (min(p), max(p)))
 SPARSE = st.dictionaries(PLACES, st.fractions(max_denominator=9)).map(lambda e: SparseSymmetric(5, e))
@@ -42,16 +42,6 @@ def test_what_is_given_twice_for_a_place_is_added_up(given_entries):
     M = arrays(5, [(*place, value) for place, value in given_entries])
     assert M.to_sparse() == SparseSymmetric(5, {p: Fraction(x) for p, x in total.items()})
     assert (M.values.dtype == np.int64) == all(abs(x) < 2**62 for x in total.values())
-
-
-@given(st.lists(WIDE, max_size=8), st.integers(1, 40))
-def test_limbs_add_up_to_the_number(values, bits):
-    """All but the last are in [0, 2^bits)."""
-    array = np.array(values, dtype=object)
-    parts = limbs(array, bits)
-    assert [sum(int(p[k]) << (bits * e) for e, p in enumerate(parts)) for k in range(len(values))] == values
-    assert all(((part >= 0) & (part < 1 << bits)).all() for part in parts[:-1])
-    assert (np.abs(parts[-1]) <= 1 << bits).all()
 
 
 @given(st.data(), st.sampled_from([3, 60, 62, 100, 2000]), st.sampled_from([3, 61, 90, 1500]))

@@ -10,6 +10,8 @@ from certified import certified
 import dobc_design as dd
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.errors import SpecError
+from dobc_design.export import python_script
+from dobc_design.export.matrices import sdpa_text
 from dobc_design.problem.canonical import canonical_document
 
 
@@ -65,11 +67,14 @@ def test_latex_holds_every_matrix_by_its_name():
     assert r"L_{\text{one}}" in dd.export.to_latex(planar())
 
 
-def test_matrices_too_large_to_be_dense_are_refused():
-    n = 501
+@pytest.mark.parametrize(
+    ("write", "n", "limit"),
+    [(dd.export.to_numpy, 501, "500 rows"), (python_script, 20_001, "20000 arcs"), (sdpa_text, 4001, "4000 rows")],
+)
+def test_what_is_too_large_for_its_form_is_refused(write, n, limit):
     ring = Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
-    with pytest.raises(SpecError, match="at most 500 rows"):
-        dd.export.to_numpy(Problem(network=ring, coupling="y"))
+    with pytest.raises(SpecError, match=f"at most {limit}"):
+        write(Problem(network=ring, coupling="y", gains={"1": 1}))
 
 
 def test_casadi_functions_come_by_name():

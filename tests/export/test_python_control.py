@@ -10,7 +10,7 @@ from c_harness import planar
 from loops import simulate
 
 import dobc_design as dd
-from dobc_design import Exosystem, Network, Problem, load_problem
+from dobc_design import Network, Problem, load_problem
 from dobc_design.errors import SpecError
 from dobc_design.export import python_script, to_control
 from dobc_design.model.model import build_model
@@ -122,18 +122,3 @@ np.savez("found.npz", derivative=found[0], outputs=found[1], start=loop.start(lo
     np.testing.assert_allclose(found["outputs"], system.output(0.0, state, w), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(np.sort_complex(found["poles"]), np.sort_complex(system.observer.poles()), atol=1e-9)
     assert found["start"].shape == state.shape
-
-
-def test_a_file_for_too_many_arcs_is_refused():
-    n = 20_001
-    network = Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
-    with pytest.raises(SpecError, match="at most 20000 arcs"):
-        python_script(Problem(network=network, coupling="y"))
-
-
-def test_a_loop_with_groups_of_agents_is_refused():
-    group = dd.Group(agents=[2], exosystem=Exosystem(A=[[0]], C=[[1]]))
-    network = Network.from_arcs([[1, 2], [2, 1]], arrow="listens_to")
-    problem = Problem(network=network, coupling="y", gains=1, exosystem=Exosystem(A=[[-1]], C=[[1]]), groups=[group])
-    with pytest.raises(SpecError, match=r"exosystem\.groups: this is not available yet"):
-        to_control(problem)

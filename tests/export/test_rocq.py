@@ -17,7 +17,7 @@ from regions import without_region
 from dobc_design import Exosystem, Network, Problem, Verdict, certify, load_problem
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
-from dobc_design.exact.cholesky import Square, squares_of
+from dobc_design.exact.cholesky import squares_of
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import scale
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -404,16 +404,3 @@ def test_a_semidefinite_matrix_or_a_zero_row_has_no_factors_and_the_empty_matrix
     assert squares_of(SparseSymmetric(2, {(0, 0): Fraction(1), (0, 1): Fraction(1), (1, 1): Fraction(1)})) is None
     assert squares_of(SparseSymmetric(2, {(0, 0): Fraction(1)})) is None
     assert squares_of(SparseSymmetric(0, {})) == ()
-
-
-def test_the_leaves_of_a_star_go_first():
-    """Least degree first: no fill-in."""
-    leaves = {(i, i): Fraction(1) for i in (1, 2, 3)} | {(0, i): Fraction(1) for i in (1, 2, 3)}
-    M = SparseSymmetric(4, {(0, 0): Fraction(4)} | leaves)
-    squares = squares_of(M)
-    assert squares == (
-        Square(Fraction(1), 1, {0: Fraction(1)}),
-        Square(Fraction(1), 2, {0: Fraction(1)}),
-        Square(Fraction(2), 0, {3: Fraction(1, 2)}),
-        Square(Fraction(1, 2), 3, {}),
-    )

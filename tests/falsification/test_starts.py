@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from equilibrium_cases import half_difference, listening_pair
-from lure_cases import HARMONIC, PAPER_GAIN, cycle, field, identity
+from lure_cases import cycle, field, identity
 from lure_cases import random_problem as switched_problem
 from scipy.integrate import solve_ivp
 
@@ -180,33 +180,6 @@ def test_every_start_goes_where_scipy_takes_it_through_its_switches(seed: int):
         assert runs.error[-1, run] == pytest.approx(np.max(np.abs(state)), abs=1e-7)
 
 
-def test_the_observers_error_decays_on_the_way():
-    """V follows eps = exp((A - W C) t) eps(0); here V is a norm of eps alone, seen through a large P."""
-    problem = cycle(3, 3, exosystem=HARMONIC)
-    arena = sets.make_arena(problem, PAPER_GAIN)
-    A, C, W = np.array([[0, 2], [-2, 0]]), np.array([[1, 0]]), np.array(PAPER_GAIN, dtype=float)
-    rng = np.random.default_rng(0)
-    e, eps = rng.uniform(-1, 1, (3, 2)), rng.uniform(-1, 1, (3, 2, 2))
-
-    class Norms:
-        """|e|_1 + |eps|_1."""
-
-        def value(self, e: np.ndarray, eps: np.ndarray) -> np.ndarray:
-            return np.abs(e).sum(axis=0) + np.abs(eps).sum(axis=(0, 1))
-
-    signals = sets.constant_signals(np.zeros(2, dtype=np.int64))
-    runs = sets.run_starts(arena, e, eps, signals, horizon=1.0, tolerance=1e-10, level=Norms(), samples=5)
-
-    def loop(t: float, state: np.ndarray) -> np.ndarray:
-        own = state[3:].reshape(3, 2)
-        return np.concatenate([field(problem, "G", state[:3]) + own @ C[0], (own @ (A - W @ C).T).ravel()])
-
-    for run in range(2):
-        start = np.concatenate([e[:, run], eps[:, :, run].ravel()])
-        answer = solve_ivp(loop, (0, 1), start, t_eval=runs.times, rtol=1e-11, atol=1e-12)
-        assert runs.values[:, run] == pytest.approx(np.abs(answer.y).sum(axis=0), abs=1e-7)
-
-
 def test_runs_stall_diverge_or_are_slow():
     """Two agents, sin, k = 1/10: e = (-x, x) converges for x below 1.65387 and not above."""
     runs = settled(listening_pair(), [-SADDLE + 1e-3, SADDLE - 1e-3], [-SADDLE - 1e-3, SADDLE + 1e-3])
@@ -221,13 +194,6 @@ def test_runs_stall_diverge_or_are_slow():
     runs = settled(listening_pair("y"), [1.0, 1.0], horizon=20.0)
     assert runs.error[-1, 0] == pytest.approx(np.exp(-2), rel=1e-6)
     assert not runs.stalled[0]
-
-
-def test_runs_last_twelve_time_constants_of_the_consensus():
-    """k = 1/10: the slowest rate is 1/10; a pair that is not held keeps the problem's horizon."""
-    assert sets.settling_horizon(listening_pair()) == pytest.approx(120.0, rel=1e-6)
-    assert sets.settling_horizon(listening_pair(gains=5)) == 20.0
-    assert sets.settling_horizon(listening_pair(gains=None)) == 20.0
 
 
 def test_some_runs_keep_their_mode_and_the_others_switch_at_several_paces():

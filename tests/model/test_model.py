@@ -133,16 +133,6 @@ def test_each_mode_has_its_own_arcs_and_without_any_still_its_pins():
     assert column(model.error_dynamics([1.0, 2.0], [])[0]).tolist() == [-2, -4]
 
 
-def test_a_model_shows_its_functions_with_names_and_shapes():
-    model = build_model(load_problem("paper-fixed"))
-    names = [f"{' '.join(f.name_in())} -> {' '.join(f.name_out())}" for f in model.functions]
-    assert names[:3] == ["e -> h", "e -> dh_de", "z x u -> z_dot xihat dhat"]
-    assert names[3:] == ["x dhat -> u", "x xi z -> x_dot xi_dot z_dot", "e eps -> e_dot eps_dot"]
-    assert 'paper-fixed, mode "Ga": n = 10, m = 1, q = 2' in str(model)
-    assert re.search(r"e \(10\) +dh_de \(10, 10\)", str(model))
-    assert "x (10), xi (20), z (20)" in model._repr_html_()
-
-
 def test_a_thousand_agents_are_built_in_a_few_seconds():
     rng = np.random.default_rng(0)
     arcs = {(int(i), int(j)) for i, j in rng.integers(0, 1000, size=(6000, 2)) if i != j}

@@ -16,7 +16,6 @@ from dobc_design.errors import ShapeError, SpecError
 from dobc_design.plotting import look
 from dobc_design.plotting.animation import animation_page
 from dobc_design.plotting.runs import plot_errors, trajectory_sheet
-from dobc_design.simulation.breaking import Breaking, PeriodLimit, Sweep
 
 
 @pytest.fixture(scope="module")
@@ -109,19 +108,6 @@ def test_an_axis_of_errors_has_ticks_that_can_be_read_whatever_it_spans(low: flo
     assert 2 <= len(inside) <= 9
 
 
-@pytest.mark.parametrize("error", [np.zeros(5), np.exp(300 * np.linspace(0, 1, 5))])
-def test_an_error_of_zero_and_one_that_grows_can_be_drawn(error):
-    ax = plot_errors(Figure().add_subplot(), np.linspace(0, 1, 5), {"|e|∞": error}, rate=1.0)
-    assert ax.get_yscale() == "log"
-    assert ax.get_lines()[-1].get_label() == "slope of the certified rate"
-
-
-def test_pinned_agents_are_blue_and_the_others_are_not(switched):
-    lines = by_label(switched.plot(pinned=[0, 5]), "xᵢ")[0].get_lines()[:10]
-    assert {place for place, line in enumerate(lines) if line.get_color() == look.BLUE} == {0, 5}
-    assert [line.get_label() for line in lines[:2]] == ["pinned", "not pinned"]
-
-
 def test_a_run_that_ended_at_its_start_is_dots_and_says_so():
     network = dd.Network.from_arcs([[1, 2]], arrow="listens_to")
     run = dd.simulate(dd.Problem(network=network, coupling="exp(y) - 1 + y"), start=[[0], [1e300]], t_final=1)
@@ -132,20 +118,6 @@ def test_a_run_that_ended_at_its_start_is_dots_and_says_so():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert sheet.file("svg").startswith(b"<?xml")
-
-
-def test_a_run_with_one_mode_and_no_disturbance_has_fewer_panels():
-    problem = dd.Problem(network=dd.Network.from_arcs([[1, 2]], arrow="listens_to"), coupling="y", gains={"2": 1})
-    axes = dd.simulate(problem, t_final=1, samples=5).plot().figure.axes
-    assert [ax.get_ylabel().split("\n")[0] for ax in axes] == ["xᵢ", "errors"]
-
-
-def test_many_graphs_are_shades_and_counted(swarm):
-    band = by_label(swarm.plot(), "mode")[0]
-    assert len(swarm.switches.names) > 6
-    graphs = len(set(swarm.switches.modes.tolist()))
-    assert band.get_title("left") == f"{graphs} graphs, {len(swarm.switches) - 1} switches"
-    assert len(by_label(swarm.plot(), "xᵢ")) == 2
 
 
 def test_an_ensemble_shows_the_quantiles_of_its_runs():
@@ -163,15 +135,6 @@ def test_an_ensemble_shows_the_quantiles_of_its_runs():
         assert at.min() == pytest.approx(low[place])
         assert at.max() == pytest.approx(high[place])
     assert below.get_ylabel() == "|d − d̂|∞, unit of d"
-
-
-def test_runs_that_diverge_lift_the_upper_quantiles_and_break_nothing():
-    network = dd.Network.from_arcs([[1, 2]], arrow="listens_to", agents=2)
-    problem = dd.Problem(network=network, coupling="y - y**3", gains={"2": 1}, region={"initial_states": [-2, 2]})
-    runs = dd.simulate(problem, runs=30, t_final=5, samples=31)
-    assert 0 < runs.diverged.sum() < 30
-    outer = runs.plot().figure.axes[1].collections[0].get_paths()[0].vertices
-    assert outer[:, 1].max() > np.nanmax(runs.quantiles([0.5]))
 
 
 def ring(coupling: str, **settings) -> dd.Problem:
@@ -197,31 +160,6 @@ def test_runs_at_the_edge_are_drawn_without_a_warning(name: str):
         assert len(page_data(animation_page(run))["times"]) == len(run.times)
 
 
-def test_what_breaks_first_has_one_panel_per_option_with_its_border(switched):
-    def sweep(option: str, unit: str, severity: list[float], late: list[float]) -> Sweep:
-        sizes, (survives, breaks) = np.array(severity), severity[-2:]
-        limits = {"survives": survives, "breaks": breaks, "relative_break": breaks}
-        return Sweep(option=option, unit=unit, severity=sizes, relative=sizes, late=np.array(late), **limits)
-
-    sweeps = (
-        sweep("noise", "unit of x", [0.1, 0.2, 0.4], [0.01, 0.05, np.inf]),
-        sweep("period", "s", [0.1, 0.2], [0.01, 0.5]),
-    )
-    period = PeriodLimit(converges=0.15, fails=0.16, certified=0.05)
-    found = Breaking(name="a_b$", t_final=1.0, tolerance=0.1, sweeps=sweeps, period=period, calm=switched)
-    noise, sampling = found.plot().figure.axes[:2]
-    assert noise.get_xlabel() == "in the unit of x"
-    good = next(line for line in noise.get_lines() if line.get_marker() == "o")
-    assert good.get_xdata().tolist() == [0.1, 0.2]
-    bad = next(line for line in noise.get_lines() if line.get_marker() == "X")
-    assert bad.get_xdata().tolist() == [0.4]
-    assert np.isfinite(bad.get_ydata()).all()
-    verticals = {line.get_label(): line.get_xdata()[0] for line in sampling.get_lines() if line.get_label()[0] != "_"}
-    assert verticals == {"longest that works": 0.15, "certified": 0.05}
-    ax = found.plot(ax=Figure().subplots())
-    assert [line.get_label() for line in ax.get_lines()] == ["measurement noise", "sampling period", "breaks above"]
-
-
 @pytest.mark.slow
 def test_a_figure_shows_itself_and_is_saved_by_its_ending(switched, tmp_path):
     sheet = switched.plot()
@@ -232,13 +170,6 @@ def test_a_figure_shows_itself_and_is_saved_by_its_ending(switched, tmp_path):
         sheet.save(tmp_path / "run.png", force=False)
     with pytest.raises(SpecError, match=r"saved as \.png, \.svg or \.pdf"):
         sheet.save(tmp_path / "run.bmp")
-
-
-def test_names_of_users_are_never_mathematics():
-    labels = ["$x^2$", "a_b"]
-    problem = dd.Problem(network=dd.Network.from_arcs([labels], arrow="listens_to"), coupling="y", gains={"a_b": 1})
-    text = dd.simulate(problem, t_final=1, samples=3).plot().file("svg").decode("utf-8")
-    assert "agent $x^2$" in text
 
 
 # Brettel, Vienot and Mollon's matrices for linear RGB, as simplified by Vienot (1999): red and green blindness.

@@ -44,11 +44,6 @@ def test_csv_may_have_a_header_a_byte_order_mark_blanks_and_quotes(tmp_path, con
     assert triples(read(tmp_path, content)) == [("a", "b", ONE), ("b", "c", ONE)]
 
 
-def test_csv_weights_are_exact(tmp_path):
-    arcs = read(tmp_path, "a,b,0.1\nb,c,9/16\nc,d,1e-3\n")
-    assert arcs.weights == (Fraction(1, 10), Fraction(9, 16), Fraction(1, 1000))
-
-
 def test_agents_called_from_and_to_are_agents_and_no_header(tmp_path):
     labels = ("from", "to")
     assert triples(read(tmp_path, "from,to\n", labels=labels), labels) == [("from", "to", ONE)]

@@ -13,7 +13,6 @@ from dobc_design.problem.arrays import (
     chosen_mode,
     consensus_jacobian,
     difference_matrix,
-    exosystem_arrays,
     gathering_matrix,
     goals,
     pinning_matrix,
@@ -60,12 +59,6 @@ def test_a_gain_that_is_missing_or_of_the_wrong_shape_or_without_an_exosystem_is
     assert pinning_matrix(triangle()).nnz == 0
 
 
-def test_without_an_exosystem_gain_and_exosystem_are_empty():
-    problem = triangle()
-    assert required_gain(problem, None).shape == (0, 1)
-    assert [array.shape for array in exosystem_arrays(problem)] == [(0, 0), (1, 0)]
-
-
 def test_goals_are_target_plus_offset():
     problem = triangle(target=[1, 2], offsets={"2": [10, "1/2"]})
     assert goals(problem).tolist() == [[1, 2], [11, 2.5], [1, 2]]
@@ -96,28 +89,9 @@ def test_differences_and_their_sums_follow_the_arcs():
     assert (gathering_matrix(group, 3) @ [9, 90, 99]).tolist() == [3 * 9 + 99, 90, 0]
 
 
-def test_gains_stand_on_the_diagonal():
-    """K (x) I_m of (9)."""
-    problem = triangle(target=[0, 0], gains={"1": 5, "3": "9/16"})
-    expected = np.kron(np.diag([5, 0, 9 / 16]), np.eye(2))
-    assert np.array_equal(pinning_matrix(problem).toarray(), expected)
-    problem = triangle(target=[0, 0], gains={"2": [[1, -2], [2, 3]]})
-    expected = np.zeros((6, 6))
-    expected[2:4, 2:4] = [[1, -2], [2, 3]]
-    assert np.array_equal(pinning_matrix(problem).toarray(), expected)
-
-
 def test_the_jacobian_at_the_consensus_is_minus_the_laplacian_of_the_gains_where_there_is_one():
     """(11) at e = 0, by hand: gains 6, 2 and 1."""
     expected = [[-7, 6, 1], [0, -2, 2], [0, 0, 0]]
     assert consensus_jacobian(triangle(exceptions={(0, 2): "sin(y)"}), "G").toarray().tolist() == expected
     assert consensus_jacobian(triangle(exceptions={(0, 2): "y + abs(y)"}), "G") is None
     assert consensus_jacobian(triangle(exceptions={(0, 2): "clip(y, -1, 1)"}), "G") is not None
-
-
-def test_the_jacobian_of_a_vector_coupling_has_full_blocks():
-    network = Network.from_arcs([[1, 2]], arrow="listens_to")
-    problem = Problem(network=network, coupling=["y1 + 2*y2", "3*sin(y1)"], target=[0, 0])
-    block = np.array([[1.0, 2.0], [3.0, 0.0]])
-    expected = np.block([[-block, block], [np.zeros((2, 4))]])
-    assert np.array_equal(consensus_jacobian(problem, "G").toarray(), expected)

@@ -4,7 +4,6 @@ The cases stand in ``tests/support/bad_files.py``; the reader is given each as a
 """
 
 import time
-from pathlib import Path
 
 import pytest
 from bad_files import BAD_FILES, VALID, VALID_BUT_NASTY, listing, write_case
@@ -100,9 +99,3 @@ def test_a_missing_file_a_folder_and_a_name_with_nul_are_refused(tmp_path):
         read_problem_file(tmp_path / "nul\0.toml")
     with pytest.raises(SpecError, match="cannot be read"):
         read_problem_file(tmp_path / ("x" * 5000))
-
-
-@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="this system has no endless device")
-def test_an_endless_device_is_refused_and_not_read():
-    with pytest.raises(SpecError, match="is a device, not a problem file"):
-        read_problem_file(Path("/dev/zero"))

@@ -12,7 +12,6 @@ from random_problems import random_problem
 from dobc_design import Exosystem, Network, Observer, Problem, Switching
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical, problem_sha256
-from dobc_design.problem.load import builtin_names, load_problem
 
 
 def network(weight: float) -> Network:
@@ -69,12 +68,6 @@ def test_any_problem_is_read_back_equal_and_gives_the_same_bytes(seed):
     assert again == problem
     assert hash(again) == hash(problem)
     assert canonical_bytes(again) == data
-
-
-@pytest.mark.parametrize("name", builtin_names())
-def test_built_in_problems_are_read_back_equal(name):
-    problem = load_problem(name)
-    assert problem_from_canonical(canonical_bytes(problem)) == problem
 
 
 def test_the_bytes_are_utf_8_json_with_sorted_keys_and_no_white_space():

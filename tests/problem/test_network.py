@@ -40,11 +40,6 @@ def test_any_other_arrow_is_refused(arrow):
     assert caught.value.key == "network.arrow"
 
 
-def test_arrow_has_no_default():
-    with pytest.raises(TypeError, match="arrow"):
-        Network.from_arcs(CHAIN)  # type: ignore[call-arg]
-
-
 def test_the_label_1_and_the_label_quoted_1_are_one_label():
     network = Network.from_arcs([(1, "2"), ("1", 3)], arrow="listens_to")
     assert network.labels == ("1", "2", "3")
@@ -78,13 +73,6 @@ def test_a_wrong_arc_is_named(arcs, key, message):
     with pytest.raises(SpecError, match=message) as caught:
         Network.from_arcs(arcs, arrow="listens_to", agents=3)
     assert caught.value.key == key
-
-
-def test_a_wrong_arc_is_named_when_the_labels_come_from_the_arcs_too():
-    with pytest.raises(SpecError, match=r"network\.modes\.G\[1\] must be an arc"):
-        Network.from_arcs([(1, 2), 5], arrow="listens_to")
-    with pytest.raises(SpecError, match="must be text or a whole number"):
-        Network.from_arcs([(1, 2.5)], arrow="listens_to")
 
 
 @pytest.mark.parametrize(

@@ -48,14 +48,6 @@ def test_the_smallest_problem_has_one_component_no_pins_and_no_disturbance():
     assert not problem.is_linear
 
 
-def test_a_float_means_the_decimal_that_one_sees():
-    """3.2 is 16/5, in Python as in a file."""
-    problem = make(target=3.2, gains={"a": 0.1}, offsets={"b": np.float32(0.3)}, exosystem=SINE)
-    assert problem.target == (Fraction(16, 5),)
-    assert problem.pinning.gains[0] == scalar("1/10")
-    assert problem.offsets[1] == (Fraction(3, 10),)
-
-
 @pytest.mark.parametrize(
     ("value", "expected"),
     [
@@ -288,10 +280,6 @@ def test_replace_changes_what_is_named_and_of_a_region_only_the_keys_given():
         problem.replace(region={"initial": 3})
     with pytest.raises(SpecError, match=r"no argument 'pinning'\. Its arguments are network, coupling, .*gains"):
         problem.replace(pinning={1: 2})
-
-
-def test_a_printed_problem_says_what_check_says():
-    assert "Disturbance: sine of 2 rad/s" in str(load_problem("paper-fixed"))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dobc_design import Network, Problem, simulate
+from dobc_design import Network, Problem
 from dobc_design.errors import SpecError
 from dobc_design.problem.canonical import canonical_bytes, canonical_document, problem_from_canonical, problem_sha256
 from dobc_design.problem.changes import problem_text
@@ -167,22 +167,3 @@ def test_a_guarantee_chooses_the_signal_unless_it_is_named():
     assert canonical_document(
         Problem(network=NETWORK, coupling="y", switching=Switching(guarantee="dwell", dwell=1, longest=2))
     )["switching"] == {"signal": "random", "dwell": "1", "guarantee": "dwell", "longest": "2"}
-
-
-@pytest.mark.parametrize(
-    "section",
-    [
-        {"guarantee": "arbitrary"},
-        {"guarantee": "dwell", "dwell": 0.25},
-        {"guarantee": "dwell", "dwell": 0.25, "longest": 0.5},
-        {"guarantee": "sequence", "dwell": 0.25},
-        {"guarantee": "sequence", "sequence": ["Ga", "Gb"], "period": 1},
-        {"guarantee": "sequence", "sequence": ["Ga", "Gb"], "dwell": [0.25, 0.5]},
-    ],
-)
-def test_problems_with_a_guarantee_are_simulated(section):
-    gains = {1: 1, 2: 1, 3: 1}
-    problem = Problem(network=NETWORK, coupling="y", gains=gains, switching=Switching(**section))
-    run = simulate(problem, start=[[1], [2], [-1]], t_final=2, samples=9)
-    assert not run.diverged
-    assert abs(run.x[-1]).max() < abs(run.x[0]).max()

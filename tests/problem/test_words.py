@@ -1,16 +1,12 @@
 """A problem in words: who listens to whom, who is pinned, who is not reached."""
 
-import json
-
 import networkx as nx
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.conditions.consensus.network import cure_in_words
 from dobc_design.problem.arrays import closed_groups, unreached
-from dobc_design.problem.load import builtin_names, load_problem
 from dobc_design.problem.words import describe, facts
 
 CHAIN = Network.from_arcs([("a", "b"), ("b", "c", "1/2")], arrow="listens_to", agents=["a", "b", "c", "d"])
@@ -86,13 +82,6 @@ def test_facts_are_the_same_for_a_program():
         "notes": ["Invented."],
         "remarks": ["Agents without any arc: d. Is an arc missing?"],
     }
-
-
-@pytest.mark.parametrize("name", builtin_names())
-def test_built_in_problems_can_be_told(name):
-    problem = load_problem(name)
-    assert describe(problem).startswith(f"{name}: {problem.n} agents")
-    json.dumps(facts(problem), allow_nan=False)
 
 
 def build(arcs: list[tuple[int, int]], n: int, gains: dict[int, int] | None = None) -> Problem:

@@ -11,7 +11,6 @@ from dobc_design.report import figures
 from dobc_design.report.document import Picture
 from dobc_design.report.figures import draw_network, drawn_labels, positions
 from dobc_design.report.pictures import svg_of
-from dobc_design.report.words import common_offsets
 
 
 def svg_text(draw, *, name, alt):
@@ -35,12 +34,6 @@ def test_a_ring_stands_on_a_circle_in_any_order():
     assert np.allclose(steps, steps[0])
 
 
-def test_circulants_are_recognised():
-    assert common_offsets([(i, (i + s) % 7) for i in range(7) for s in (1, 3)], 7) == (1, 3)
-    assert common_offsets([*ring(7), (0, 3)], 7) is None
-    assert common_offsets([], 3) is None
-
-
 @pytest.mark.parametrize(("pairs", "n"), [([], 1), ([], 5), ([(0, 1)], 2), ([(0, 1), (2, 3), (3, 4)], 6), (ring(3), 3)])
 def test_positions_are_finite_and_apart(pairs: list[tuple[int, int]], n: int):
     places = positions(pairs, n)
@@ -48,11 +41,6 @@ def test_positions_are_finite_and_apart(pairs: list[tuple[int, int]], n: int):
     assert np.isfinite(places).all()
     assert np.abs(places).max(initial=0) <= 1 + 1e-9
     assert len(np.unique(places.round(6), axis=0)) == n
-
-
-def test_positions_are_reproducible_for_large_networks():
-    pairs = [(i, j) for i, j in np.random.default_rng(1).integers(0, 200, (400, 2)).tolist() if i != j]
-    assert np.array_equal(positions(pairs, 200), positions(pairs, 200))
 
 
 def test_the_arrow_points_at_the_listener_and_pinned_and_unreached_agents_look_different():
@@ -73,13 +61,6 @@ def test_labels_lose_what_they_share():
     assert drawn_labels(["gateway", "s1"]) == (["gateway", "s1"], "")
     assert drawn_labels(["only"]) == (["only"], "")
     assert drawn_labels(["s", "s1"]) == (["s", "s1"], "")
-
-
-def test_functions_draw_on_the_axes_they_are_given_return_them_and_name_their_units():
-    ax = new_axes()
-    for values in ([-1 + 2j, -1 - 2j], [-1 + 0j]):
-        assert figures.plot_spectrum(ax, {"G": values}) is ax and "1/s" in ax.get_xlabel()
-    assert figures.plot_lambda(ax, {"G": [-3.0, -1.0]}, bounds={"P": -1.125}) is ax and "1/s" in ax.get_xlabel()
 
 
 def test_long_series_are_thinned_and_keep_their_ends():

@@ -110,14 +110,6 @@ def test_the_verdict_is_a_word_a_symbol_and_a_sentence(certificate_of, verdict: 
     assert words in page.text
 
 
-def test_a_regional_proof_names_its_set(certificate_of):
-    certificate = certificate_of()
-    regional = dataclasses.replace(certificate.checks[-1], verdict=Verdict.PROVED)
-    certificate = certificate_of(checks=(regional,), covered_by="max-separable")
-    text = Page(html_report(certificate)).text
-    assert "from all starts with |e|∞ ≤ 4 and every |εᵢ| ≤ 0.5" in text
-
-
 def hostile_problem(problem_with) -> Any:
     labels = [HOSTILE, "b</text><image href='x'/>", "$\\frac{a}{$", "$$", "__proto__"]
     arcs = {

@@ -72,12 +72,6 @@ def test_a_tolerance_is_told_in_a_sentence(verdict: Verdict, head: str, problem_
     assert text.words.startswith(head)
 
 
-def test_without_the_tables_there_is_no_section_and_without_checks_it_says_so(problem_with, certificate_of):
-    assert list(plant_section(certificate_of(problem_with(), checks=(checked("tolerance"),)))) == []
-    (section,) = plant_section(certificate_of(problem_with(**TABLES), checks=()))
-    assert section.blocks[-1].words.startswith("Nothing is proved")
-
-
 def test_in_one_line_each_only_what_is_proved_with_its_worst_agent(problem_with, certificate_of):
     """Bounds are rounded up, tolerances down."""
     checks = [

@@ -1,7 +1,6 @@
 """The report's section on regions: what is drawn is what is proved, and nothing is rounded to the better side."""
 
 import dataclasses
-import re
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -14,7 +13,6 @@ from dobc_design import Network, Verdict
 from dobc_design.certificate.regions import AgentBound, Asked, RegionClaim, Regions
 from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.plotting.regions import plot_regions, plot_starts, region_sheet
-from dobc_design.report.pictures import region_pictures, svg_of
 from dobc_design.report.region_words import asked_sentence, regions_table, rest_sentence, timing_sentences, upper
 
 BOX = {"kind": "box", "radius": 4.0, "disturbance": 0.5}
@@ -153,33 +151,6 @@ def test_agents_have_bars_around_their_goals_and_the_band_is_what_was_asked():
     assert ax.get_ylabel() == "xᵢ(0), in its own unit"
 
 
-def test_with_several_components_bars_show_the_error():
-    agents = (AgentBound(label="a", bound=2.0, pinned=False),)
-    ax = plot_starts(
-        Figure().add_subplot(), make(claim(), agents=agents, asked=Asked(box=1.5, ball=3.0, disturbance=0.0))
-    )
-    assert [(bar.get_y(), bar.get_height()) for bar in ax.patches] == [(-2.0, 4.0), (-1.5, 3.0)]
-    assert ax.get_ylabel() == "error at the start"
-    assert "pinned" not in [text.get_text() for text in ax.get_legend().get_texts()]
-
-
-def test_of_many_agents_some_are_drawn_and_the_caption_says_how_many():
-    agents = tuple(AgentBound(label=f"agent {i}", bound=1.0 + i, pinned=i == 0, goal=0.0) for i in range(100))
-    picture = list(region_pictures(make(claim(), agents=agents)))[1]
-    assert "24 of 100 agents are drawn." in picture.caption
-    assert "up to 1, for some agents up to 100." in picture.caption
-
-
-def test_pictures_exist_where_there_is_something_to_draw():
-    assert list(region_pictures(make(NEAR, asked=None, agents=()))) == []
-    assert len(list(region_pictures(make(NONE, agents=())))) == 1
-    methods, starts = region_pictures(make(claim(), BALL))
-    assert 'role="img"' in svg_of(methods)
-    assert "Max-separable: 4 for all agents at once, 4 for one alone." in svg_of(methods)
-    assert "Thin lines: one agent alone" in methods.caption
-    assert "up to 4, for some agents up to 6.65." in starts.caption
-
-
 def test_the_figure_is_a_file_by_itself_also_by_its_public_function(asked_for: dict[str, Any], tmp_path: Path):
     regions = make(claim(), BALL, name="<a> & $x_1$")
     picture = region_sheet(regions).file("svg")
@@ -189,24 +160,6 @@ def test_the_figure_is_a_file_by_itself_also_by_its_public_function(asked_for: d
     sheet = asked_for["certificate"].plot()
     assert len(sheet.figure.axes) == 2
     assert sheet.save(tmp_path / "region.svg").read_bytes() == sheet.file("svg")
-
-
-def test_the_page_has_a_section_with_table_pictures_and_sentences(asked_for: dict[str, Any]):
-    page = html_report(**asked_for)
-    section = re.search(r'<details id="region">(.*?)</details>', page, re.DOTALL)
-    assert section is not None
-    assert section.group(1).count("<svg") == 2
-    for words in ("Max-separable", "box", "yes", "late messages and sampling", "delays up to 0.02 s", "R/√10"):
-        assert words.lower() in section.group(1).lower()
-
-
-def test_the_markdown_text_has_the_same_table(asked_for: dict[str, Any]):
-    text = markdown_report(**asked_for)
-    assert "## From which starts it is proved" in text
-    row = next(line for line in text.splitlines() if line.startswith("| Max-separable |"))
-    cells = [cell.strip() for cell in row.strip("|").split("|")]
-    assert cells[1:7] == ["✓ proved", "box", "4", "4", "0.5", "0.2"]
-    assert "Stable for every bounded communication delay" in text
 
 
 def test_a_proof_that_covers_delays_and_sampling_does_not_exclude_them(asked_for: dict[str, Any]):

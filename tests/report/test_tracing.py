@@ -1,6 +1,5 @@
 """Traceability and reproduction: every check has its source and its deciders, fingerprints are those of files."""
 
-import dataclasses
 import hashlib
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from dobc_design.checker.examine import OF_GROUPS, REGIONAL
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.report.checks import ALONE, VERIFY, certify_command, fingerprints, trace_section
-from dobc_design.report.document import Name
 from dobc_design.verdict import Verdict
 
 PACKAGE = Path(dobc_design.__file__).parent
@@ -32,15 +30,6 @@ def test_every_check_is_decided_in_modules_that_exist():
 def test_the_file_of_the_lone_checker_has_the_function_of_the_check(id: str):
     text = (PACKAGE / KINDS[id].checker).read_text("utf-8")
     assert f"\ndef {id.replace('-', '_')}(" in text
-
-
-def test_a_condition_has_one_row(certificate):
-    lemma = next(check for check in certificate.checks if check.id == "lemma1")
-    other = dataclasses.replace(lemma, mode="Gb", verdict=Verdict.REFUTED)
-    (row,) = rows_of([lemma, dataclasses.replace(lemma, mode="Gc"), other])
-    assert row[1:2] == (Name(("Lemma 1: Λ(J) < 0",), id="lemma1"),)
-    assert row[3] == "Paper, Lemma 1, (10), with J at the target."
-    assert row[5:] == ("checker/consensus.py",)
 
 
 def test_the_fingerprint_of_the_certificate_is_that_of_its_file(certificate, tmp_path: Path):

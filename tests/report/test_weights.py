@@ -1,9 +1,7 @@
 """Weights that move under a guarantee, drawn: what is proved, phase by phase, and which modes are on beneath."""
 
 from fractions import Fraction
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
@@ -50,13 +48,6 @@ def test_the_band_names_every_mode_once_and_names_are_no_mathematics():
     assert not any(text.get_parse_math() for text in main.get_legend().get_texts())
 
 
-def test_axes_outside_a_grid_have_no_band():
-    figure = Figure()
-    ax = figure.add_axes((0.1, 0.1, 0.8, 0.8))
-    assert plot_weights(ax, phases("A", "B"), labels=LABELS) is ax
-    assert figure.axes == [ax]
-
-
 @pytest.fixture(scope="module")
 def certificate() -> Certificate:
     network = dd.Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
@@ -82,9 +73,3 @@ def test_without_a_guarantee_there_is_one_run_in_one_mode_and_no_band(certificat
     picture = error_picture(certified, dd.simulate(plain, t_final=2))
     assert "one simulated run" in picture.caption
     assert ">mode<" not in svg_of(picture)
-
-
-def test_a_slow_run_that_ended_early_is_left_out(certificate: Certificate):
-    run = dd.simulate(certificate.problem, t_final=3)
-    early = SimpleNamespace(times=np.zeros(3))
-    assert "one simulated run" in error_picture(certificate, run, early).caption

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from dobc_design import Exosystem, Group, Network, Problem, Switching, certify
 from dobc_design._show.text import significant_towards_zero
 from dobc_design.report import words
-from dobc_design.report.words import agents_table, domain_words, mode_sentences, names_in_words, number, pin_sentence
+from dobc_design.report.words import agents_table, domain_words, mode_sentences, number, pin_sentence
 from dobc_design.report.write import render_report
 
 
@@ -79,12 +79,6 @@ def test_weights_and_undirected_arcs_are_said_in_words(problem_with):
     assert agents_table(problem).rows[1][3:] == ("1 (1/3×)",)
     assert agents_table(problem).rows[3][3:] == ("–",)
     assert pin_sentence(problem) == "No agent is pinned."
-
-
-def test_long_lists_are_cut():
-    assert names_in_words([str(i) for i in range(20)], 3) == "0, 1, 2 and 17 more"
-    assert names_in_words([]) == "nobody"
-    assert names_in_words(["a", "b"]) == "a and b"
 
 
 def test_a_proof_under_a_guarantee_says_for_which_signals_it_holds():

@@ -13,7 +13,6 @@ from bad_files import VALID
 from flint import fmpz
 from fuzzing import LIMIT as ALONE
 from fuzzing import time_limit
-from regions import without_region
 
 import dobc_design as dd
 from dobc_design.certificate.text import certificate_bytes, read_claims
@@ -180,22 +179,6 @@ def test_a_pair_of_long_numbers_is_decided_in_time(name):
 
 def as_text(matrix: Any) -> list[list[str]]:
     return [[f"{fmpz(x.numerator).str()}/{fmpz(x.denominator).str()}" for x in row] for row in matrix]
-
-
-def test_a_vector_of_long_numbers_is_decided_in_time():
-    digits = 1000
-    unpinned = VALID.replace('gains = { 1 = 5.0, 3 = "9/16" }', "gains = {}")
-    problem = without_region(read_problem_text(unpinned.encode(), folder=None))
-    document = json.loads(certificate_bytes(dd.certify(problem).claims))
-    vectors = [check for check in document["checks"] if check.get("witness", {}).get("kind") == "vector"]
-    assert vectors
-    for check in vectors:
-        count = len(check["witness"]["values"])
-        check["witness"]["values"] = [
-            f"{fmpz(10**digits + k).str()}/{fmpz(10**digits + 2 * k + 1).str()}" for k in range(count)
-        ]
-    with time_limit(LIMIT):
-        assert not recheck(read_claims(json.dumps(document).encode()), problem).holds
 
 
 def test_a_deep_fix_is_no_way_to_crash_the_checker(valid, problem):

@@ -8,20 +8,13 @@ import sys
 import time
 
 import pytest
-from kills import Runs, environment, interrupt_certify, kill_writers, leftovers
+from kills import Runs, environment, interrupt_certify, leftovers
 
 import dobc_design as dd
 from dobc_design.certificate.files import STALE, write_atomically, write_together
 from dobc_design.errors import CertificateError
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
-
-
-@pytest.mark.slow
-def test_kills_of_a_process_that_only_writes_leave_whole_files(tmp_path):
-    outcome = kill_writers(20, 1, tmp_path)
-    assert not outcome.wrong
-    assert outcome.counts["kills in the middle of a write"] > 0, "the test must hit what it is about"
 
 
 @pytest.mark.slow
@@ -107,31 +100,6 @@ def test_an_ignored_interrupt_stays_ignored(tmp_path):
         process.communicate(timeout=60)
     assert process.returncode == 0
     assert dd.verify((tmp_path / "certificate.json").read_bytes(), "paper-fixed").holds
-
-
-@pytest.mark.slow
-def test_a_pair_of_files_of_two_runs_is_found_out_and_cured_by_running_again(tmp_path):
-    """What a kill between two renames leaves: the problem of one run beside the certificate of another."""
-    runs = Runs(tmp_path, report=False)
-    out = tmp_path / "out"
-    runs.fill(0, out)
-    (out / "problem.json").write_bytes(runs.whole[1]["problem.json"])
-
-    def dobc(*arguments: object) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [sys.executable, "-m", "dobc_design", *map(str, arguments)], text=True, capture_output=True, check=False
-        )
-
-    ran = dobc("verify", out, "--problem", out / "problem.json")
-    assert ran.returncode == 1
-    assert "the certificate is about another problem (its hash differs)" in ran.stdout
-    assert dobc("verify", out, "--problem", runs.problems[0]).returncode == 0
-    ran = dobc("export", out, "--rocq", tmp_path / "new.v")
-    assert ran.returncode == 2
-    assert "hash" in ran.stderr or "another problem" in ran.stderr
-    assert not (tmp_path / "new.v").exists()
-    assert dobc("certify", runs.problems[1], "--no-report", "--out", out).returncode == 1
-    assert runs.which(out) == [1, 1]
 
 
 def test_what_killed_writers_left_is_removed_by_a_later_one(tmp_path):

@@ -84,13 +84,6 @@ def test_a_compiled_coupling_is_the_coupling(text: str):
     assert np.array_equal(y, kept)
 
 
-def test_a_compiled_vector_coupling_sees_the_components_of_a_difference():
-    coupling = make_coupling(["y1*y2 + y1", "sin(y2) - y1"], dimension=2)
-    y = np.random.default_rng(0).normal(size=(50, 2, 3))
-    wanted = np.stack([coupling.value(y[..., k]) for k in range(3)], axis=-1)
-    np.testing.assert_allclose(fields.compile_coupling(coupling)(y), wanted, rtol=1e-13)
-
-
 def test_a_sum_of_many_terms_is_compiled_without_recursion():
     text = "y" + " + y" * 480
     found = fields.compile_coupling(make_coupling(text, dimension=1))(np.array([[2.0]]))
@@ -144,16 +137,6 @@ def test_hubs_and_others_feel_the_same_in_blocks_of_any_size(size: int, monkeypa
     e = np.random.default_rng(1).normal(size=(120, 1))
     found = graph(problem)(e)
     np.testing.assert_allclose(found, by_hand(problem, e), rtol=1e-12, atol=1e-12)
-
-
-def test_columns_do_not_disturb_each_other():
-    problem = random_problem(30, 100, m=2, seed=2)
-    e = np.random.default_rng(1).normal(size=(60, 4))
-    whole = graph(problem, 4)
-    alone = whole(e)
-    e[:, 1] = np.nan
-    again = whole(e)
-    assert np.array_equal(alone[:, [0, 2, 3]], again[:, [0, 2, 3]])
 
 
 def precise(F, t: float):

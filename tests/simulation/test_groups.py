@@ -79,17 +79,6 @@ def test_ensembles_under_stress_are_the_runs_one_by_one(problem):
     require_the_same(problem, dd.Stress(disturbance=0.1), runs=2, close=3e-8, tolerance=1e-10, t_final=0.5)
 
 
-def test_sampled_and_continuous_loops_under_stress_agree_for_short_periods(problem):
-    start = [[2.0], [-1.0], [0.5]]
-    calm = dd.simulate(problem, start=start, t_final=3, samples=[0.0, 1.5, 3.0])
-    sampled = dd.simulate(problem, start=start, t_final=3, samples=[0.0, 1.5, 3.0], stress=dd.Stress(period=1e-3))
-    quiet = dd.simulate(problem, start=start, t_final=3, samples=[0.0, 1.5, 3.0], stress=dd.Stress(noise=1e-12))
-    assert np.abs(sampled.x - calm.x).max() < 5e-3
-    assert np.abs(quiet.x - calm.x).max() < 1e-6
-    with pytest.raises(SpecError, match="sampled_gain is one gain for all agents"):
-        dd.simulate(problem, stress=dd.Stress(period=0.1, sampled_gain=np.zeros((5, 1))))
-
-
 def test_drawn_disturbances_stay_in_the_states_of_the_own_group_and_in_their_ball(problem):
     given = dict(problem.__reduce__()[0].keywords)
     given |= {"simulation": {}, "region": {"initial_states": [0, 2], "initial_disturbance": "0.5"}}

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from dobc_design import Network, Problem
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.simulation.signals import Mobile, Waypoints
-from dobc_design.simulation.switches import groups_of, motion_switches, near
+from dobc_design.simulation.switches import motion_switches, near
 
 
 def alone(n: int, *, m: int = 1, **settings) -> Problem:
@@ -62,16 +62,6 @@ def test_a_neighbour_is_replaced_only_by_one_that_is_nearer_by_the_hysteresis():
         codes = near(signal, positions, codes)
         heard.append(next(j for i, j in pairs(codes, 3) if i == 0))
     assert heard == [1, 1, 1, 2, 2, 1]
-
-
-def test_exceptions_keep_their_coupling():
-    network = Network.from_arcs([[1, 2], [2, 3]], arrow="listens_to")
-    problem = Problem(network=network, coupling="y", exceptions={(0, 1): "2*y"})
-    groups = groups_of(problem, np.array([1, 3, 5]))
-    assert [(str(g.coupling.components[0]), g.listeners.tolist(), g.speakers.tolist()) for g in groups] == [
-        ("y", [1, 1], [0, 2]),
-        ("2*y", [0], [1]),
-    ]
 
 
 def test_links_are_broken_at_the_instant_of_the_closed_form():
@@ -129,36 +119,3 @@ def test_under_a_given_motion_the_loop_is_a_product_of_exponentials():
 def test_a_motion_of_other_agents_is_refused():
     with pytest.raises(ShapeError, match="one position per agent, 2; got 3"):
         simulate(alone(2), signal=Mobile(radius=1, motion=crossing()))
-
-
-def test_moving_agents_in_the_plane_with_an_observer_agree_with_the_full_loop():
-    """m = 2, disturbance, formation: the same switches and states from both right-hand sides."""
-    from dobc_design.problem.exosystems import Exosystem
-    from dobc_design.problem.groups import Observer
-
-    problem = alone(
-        8,
-        m=2,
-        coupling="tanh(y)",
-        gains={"1": 2, "4": 1},
-        offsets={"3": [1, 0]},
-        exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0], [0, 1]]),
-        observer=Observer(W=[[2, 0], [0, 2]]),
-        region={"initial_states": [-3, 3], "initial_disturbance": 1},
-    )
-    signal = Mobile(radius=1.5, hysteresis=0.2)
-    fast = simulate(problem, signal=signal, t_final=4, tolerance=1e-11)
-    full = simulate(problem, signal=signal, t_final=4, tolerance=1e-11, observer="full-loop")
-    assert len(fast.switches) > 3
-    np.testing.assert_allclose(fast.switches.times, full.switches.times, rtol=1e-8)
-    np.testing.assert_allclose(fast.x, full.x, atol=1e-8)
-
-
-def test_an_ensemble_of_moving_agents_is_made_run_by_run():
-    problem = alone(4, gains={"1": 1})
-    runs = simulate_many(problem, runs=3, signal=Mobile(radius=0.8, hysteresis=0.1), t_final=2.0, seed=4)
-    assert "one by one" in runs.notes[0]
-    for k in range(3):
-        single = simulate(problem, signal=Mobile(radius=0.8, hysteresis=0.1), t_final=2.0, seed=4 + k)
-        assert np.array_equal(runs.error[k], single.error())
-        assert runs.switches[k] == len(single.switches) - 1

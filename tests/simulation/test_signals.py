@@ -58,12 +58,6 @@ def test_the_seed_decides_the_switches(signal):
     )
 
 
-def test_a_periodic_signal_switches_at_multiples_of_its_dwell_time():
-    found = scheduled_switches(dd.signals.Periodic(dwell=0.1), NAMES, 10.0, 0)
-    assert found.times.tolist() == (0.1 * np.arange(100)).tolist()
-    assert found.modes[:4].tolist() == [0, 1, 2, 0]
-
-
 def test_a_random_signal_draws_each_mode_equally_often():
     """At multiples of the dwell time; three of 3000 draws' counts within four standard deviations."""
     found = scheduled_switches(dd.signals.RandomDwell(dwell=0.5), NAMES, 1500.0, 1)

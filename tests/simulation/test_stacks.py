@@ -8,15 +8,12 @@ import pytest
 from loops import HARMONIC, PRINTED, simulate, simulate_many
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from side_by_side import FAILING, planar, require_the_same
+from side_by_side import EVERYTHING, FAILING, planar, require_the_same
 
 import dobc_design as dd
 from dobc_design import Stress
 from dobc_design.errors import SpecError
-from dobc_design.simulation import runs, stressed
-from dobc_design.simulation.setting import stress_to_json
 
-EVERYTHING = Stress(noise=0.05, disturbance=0.3, frequency=2, saturation=2.0, loss=0.3, exchange=0.1, failures=FAILING)
 CONTINUOUS = {
     "noise": Stress(noise=0.1),
     "saturated": Stress(saturation=1.0),
@@ -58,11 +55,6 @@ def test_agents_that_do_not_heed_their_observer_are_the_same_too(stress: Stress)
 def test_graphs_of_a_given_motion_are_shared(stress: Stress):
     motion = dd.signals.Waypoints(times=(0, 1), positions=[[[0], [1], [2]], [[0], [1], [9]]])
     agree(planar(), stress, signal=dd.signals.Mobile(radius=1.5, motion=motion))
-
-
-def test_steep_couplings_that_overflow_end_where_single_runs_end():
-    """exp(y) at a period of 0.4 s: some runs leave the floats, the others go on."""
-    agree(dd.load_problem("paper-switching"), Stress(period=0.4), signal=dd.signals.Periodic(dwell=0.3))
 
 
 def test_a_gain_for_the_sampled_observer_takes_its_place():
@@ -201,40 +193,6 @@ def test_the_noise_of_a_thousand_runs_spreads_as_its_recursion_says():
     a = np.exp(-20 * 0.05)
     spread = np.sqrt(np.square(many.error[:, -1]).mean())
     assert spread == pytest.approx(0.3 * np.sqrt((1 - a) / (1 + a)), rel=0.1)
-
-
-@pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED["all at once"]], ids=["continuous", "sampled"])
-def test_chunks_and_their_number_make_no_difference(monkeypatch, stress: Stress):
-    given = {"runs": 5, "signal": dd.signals.Periodic(dwell=0.3), "stress": stress, "t_final": 0.5, "samples": 4}
-    whole = simulate_many(planar(), **given)
-    monkeypatch.setattr(runs, "COLUMN_NUMBERS", 12)
-    parts: list[float] = []
-    cut = simulate_many(planar(), progress=parts.append, **given)
-    np.testing.assert_allclose(cut.error, whole.error, atol=1e-12 if stress.period else 1e-8)
-    assert parts == sorted(parts)
-    assert parts[-1] == 1.0
-    assert whole.stress == stress_to_json(stress)
-
-
-def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch):
-    monkeypatch.setattr(stressed, "MOST_STEPS", 3)
-    monkeypatch.setattr(stressed, "LEAST_STEPS", 1)
-    given = {"stress": CONTINUOUS["noise"], "t_final": 0.3, "samples": 4, "signal": dd.signals.Periodic(dwell=0.2)}
-    many = simulate_many(planar(), runs=2, **given)
-    for k in range(2):
-        assert np.array_equal(many.error[k], simulate(planar(), seed=k, **given).error())
-
-
-@pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        ({"signal": dd.signals.Mobile(radius=1.0)}, "every run has graphs of its own"),
-        ({"gain": [[2e6, 0], [0, 1], [0, 0]]}, "the loop is stiff"),
-    ],
-)
-def test_what_cannot_be_stacked_is_made_one_by_one_and_said(arguments, reason: str):
-    many = simulate_many(planar(), runs=1, stress=CONTINUOUS["noise"], t_final=0.1, samples=2, **arguments)
-    assert any(f"one by one, because {reason}" in note for note in many.notes)
 
 
 @pytest.mark.parametrize("runs", [None, 2])

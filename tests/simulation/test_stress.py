@@ -36,13 +36,6 @@ def test_a_stress_that_never_binds_leaves_the_loop_as_it_is(name: str):
     assert "Stress: |u| at most 1e+09." in stressed.notes
 
 
-def test_a_calm_stress_is_no_stress():
-    problem = dd.load_problem("paper-fixed")
-    calm, none = simulate(problem, t_final=1, stress=Stress()), simulate(problem, t_final=1)
-    assert np.array_equal(calm.x, none.x)
-    assert calm.stress == ""
-
-
 def test_a_saturated_agent_falls_in_a_straight_line_until_its_input_is_small_enough():
     """x' = -min(1, 2 x) from 3: x = 3 - t down to 1/2, then exp(-2 t)/2."""
     run = simulate(single(), start=[[3]], t_final=5, samples=101, stress=Stress(saturation=1), tolerance=1e-10)
@@ -95,14 +88,6 @@ def test_a_gain_for_the_sampled_observer_can_be_given():
         simulate(problem, stress=Stress(period=0.1, sampled_gain=[[1, 2]]))
 
 
-def test_when_every_packet_is_lost_a_listener_feels_nothing():
-    """Agent 1 listens to agent 2, which is at 5: it stays where it is."""
-    run = simulate(pair(), start=[[1], [5]], t_final=3, stress=Stress(loss=1))
-    assert np.abs(run.x[:, :, 0] - [1, 5]).max() < 1e-12
-    heard = simulate(pair(), start=[[1], [5]], t_final=3, stress=Stress(exchange=0.05))
-    np.testing.assert_allclose(heard.x[:, 0, 0], 5 - 4 * np.exp(-heard.times), atol=1e-7)
-
-
 def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     modes = {"a": [[1, 2], [2, 3]], "b": [[3, 1], [2, 3]]}
     problem = dd.Problem(network=dd.Network.from_arcs(modes, arrow="listens_to"), coupling="y")
@@ -143,27 +128,6 @@ def test_a_frozen_agent_keeps_its_input_and_what_others_hear_of_it():
     assert run.x[-1, 0, 0] == pytest.approx(value, abs=1e-6)
 
 
-@pytest.mark.parametrize("more", [{"loss": 0.1}, {"period": 0.05}], ids=str)
-def test_without_a_disturbance_its_frequency_does_nothing(more):
-    """sin(1e308 t) is no number; 0 times it has to be 0."""
-    runs = [simulate(pair(), t_final=20, samples=21, stress=Stress(frequency=f, **more)) for f in (1, 1e308)]
-    for part in ("x", "d"):
-        np.testing.assert_array_equal(getattr(runs[0], part), getattr(runs[1], part))
-        assert np.isfinite(getattr(runs[1], part)).all()
-
-
-@pytest.mark.parametrize("stress", [EVERYTHING, SAMPLED], ids=["continuous", "sampled"])
-def test_everything_at_once_is_the_same_again_for_the_same_seed(stress: Stress):
-    problem, signal = dd.load_problem("paper-switching"), dd.signals.RandomDwell(dwell=0.5)
-    runs = [simulate(problem, signal=signal, t_final=4, seed=seed, samples=41, stress=stress) for seed in (5, 5, 6)]
-    assert np.array_equal(runs[0].x, runs[1].x)
-    assert not np.array_equal(runs[0].x, runs[2].x)
-    assert np.isfinite(runs[0].x).all()
-    assert np.abs(runs[0].u).max() <= 4
-    assert not runs[0].u[runs[0].times >= 1, 2].any()
-    assert np.ptp(runs[0].u[runs[0].times >= 2.05, 6]) == 0
-
-
 @pytest.mark.parametrize("stress", [Stress(saturation=0.5), Stress(period=0.02, loss=0.2), Stress(loss=0.2)], ids=str)
 def test_moving_agents_can_be_stressed(stress: Stress):
     network = dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=6)
@@ -186,13 +150,6 @@ def test_a_stressed_run_that_fails_keeps_what_is_valid(stress: Stress):
     assert np.isfinite(region.x).all()
     assert len(region.times) == len(region.x) == len(region.u)
     assert region.final_error > 1
-
-
-def test_a_run_under_stress_is_stored_with_it(tmp_path):
-    run = simulate(dd.load_problem("paper-fixed"), t_final=1, samples=5, stress=SAMPLED)
-    again = dd.load_trajectory(run.save(tmp_path / "run.npz"))
-    assert again.stress == stress_to_json(SAMPLED)
-    assert np.array_equal(again.x, run.x)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """What is asked of one run and of many, and their files; where runs start: drawn, given, or from a file."""
 
-import builtins
 import json
 
 import numpy as np
@@ -162,20 +161,6 @@ def test_a_pandas_table_can_be_grouped_by_what_it_names():
     assert "xi" not in frame.columns.get_level_values("quantity")  # no disturbance, no columns
 
 
-def test_without_pandas_the_way_out_is_said(monkeypatch):
-    run, original = switching(), builtins.__import__
-
-    def refuse(name, *rest):
-        if name.partition(".")[0] == "pandas":
-            raise ImportError(name)
-        return original(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
-    with pytest.raises(SpecError, match="needs the package pandas") as caught:
-        run.to_pandas()
-    assert "dobc_design[store]" in caught.value.cure
-
-
 def test_files_are_not_overwritten_unless_asked_and_other_places_are_refused(tmp_path):
     run = switching()
     path = run.save(tmp_path / "run.npz")
@@ -277,21 +262,6 @@ def test_a_run_goes_on_where_a_saved_one_stopped(tmp_path):
 def test_a_wrong_start_is_refused(given, message: str):
     with pytest.raises((SpecError, ShapeError), match=message):
         drawn(given)
-
-
-@pytest.mark.parametrize("name", ["text.npz", "text.csv", "ragged.csv"])
-def test_a_file_that_is_no_start_is_refused(tmp_path, name: str):
-    path = tmp_path / name
-    path.write_text("1,2\n3\n5,6\n" if name == "ragged.csv" else "words\n", encoding="utf-8")
-    with pytest.raises(SpecError):
-        drawn(path)
-
-
-def test_pickled_arrays_are_never_executed(tmp_path):
-    path = tmp_path / "x.npz"
-    np.savez(path, x=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(SpecError, match="does not hold a start"):
-        drawn(path)
 
 
 def rewritten(path, facts=None, **arrays):

@@ -1,22 +1,17 @@
 """The barrier: derivatives by finite differences, optima in closed form."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 from lure_cases import cycle, random_problem
 from scipy import linalg
 
-from dobc_design.conditions.quadratic.claim import linear_part
 from dobc_design.conditions.quadratic.propose_program import (
     centring,
     covering,
     float_loop,
     make_templates,
-    range_gains,
     sample_gains,
 )
-from dobc_design.conditions.quadratic.sectors import build_sectors, enclose_ranges
 from dobc_design.solvers.barrier import Block, Inequalities, centre, make_basis, minimise
 
 SHAPES = ("identity", "diagonal", "full")
@@ -85,28 +80,6 @@ def test_hopeless_programs_are_left_early():
     late = minimise(program, start, cost, accuracy=1e-6)
     assert late[1] == pytest.approx(3, abs=1e-4)
     assert early[1] > late[1] + 1e-3
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_the_float_loop_is_the_exact_one_rounded(seed):
-    """A0 and the half-widths, channel by channel, for components and for vectors."""
-    coupling = ["y1 + y2**3", "tanh(y2) - y1/2"] if seed % 2 else "exp(y) - 1 + y"
-    problem = random_problem(seed, m=2, coupling=coupling, modes=2)
-    radius = Fraction(3, 2)
-    ranges = enclose_ranges(problem, radius=radius)
-    sectors = build_sectors(problem, ranges, radius=radius)
-    gains = range_gains(ranges, len(problem.couplings), problem.m)
-    loop = float_loop(make_templates(problem), gains, radius=1.5, S=None, rate=0.0)
-    for mode in loop.modes:
-        A = np.zeros((loop.size, loop.size))
-        for i, row in linear_part(sectors, mode.name, [c.centre for c in sectors.modes[mode.name]]).items():
-            for j, value in row.items():
-                A[i, j] = float(value)
-        assert np.allclose(mode.A, A)
-        widths = {(c.target, c.plus, c.minus): float(c.spread) for c in sectors.modes[mode.name]}
-        places = list(zip(*(part.tolist() for part in mode.where), strict=True))
-        assert np.allclose(mode.d, [widths.get(place, 0.0) for place in places], atol=1e-8)
-        assert {place for place, width in widths.items() if width} <= set(places)
 
 
 def test_a_lyapunov_equation_lies_inside_without_channels():

@@ -4,20 +4,18 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from block_lmi import PROGRAMS, Margin, solve_dense, solve_directly
+from block_lmi import Margin, solve_dense
 from reduced import reduced_program, solve_reduced
 from scipy import sparse
 
 from dobc_design import Exosystem, Network, Problem, Verdict
-from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems, with_gain
+from dobc_design.conditions.consensus.claim import omega, reduced, state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import from_float, matrix
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.solvers.conic import build_dense, smat, svec, svec_exact, symmetric_basis
-from dobc_design.solvers.program import Program, Solution, assemble, round_matrix
-
-OBJECTIVES = tuple(PROGRAMS)
+from dobc_design.solvers.conic import smat, solve_directly, svec, svec_exact, symmetric_basis
+from dobc_design.solvers.program import Program, Solution, round_matrix
 
 
 def close(a: float, b: float, relative: float = 1e-5) -> bool:
@@ -36,41 +34,27 @@ def residual(program: Program, values) -> float:
     return float(max(tops))
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES)
 @pytest.mark.parametrize("bound", [-8, -1, Fraction(-1, 10)])
-def test_both_ways_to_the_solver_find_the_same_optimum(harmonic, objective, bound):
-    program = PROGRAMS[objective](pencils=(reduced(Fraction(bound), harmonic),))
+def test_both_ways_to_the_solver_find_the_same_optimum(harmonic, bound):
+    program = Program(pencils=(reduced(Fraction(bound), harmonic),))
     direct, modelled = solve_directly(program), solve_dense(program)
     assert (direct.status, modelled.status) == ("Solved", "optimal")
     assert close(direct.objective, modelled.objective, 1e-6)
-    assert residual(program, direct.values) <= (direct.objective if objective == "margin" else 0) + 1e-6
+    assert residual(program, direct.values) <= 1e-6
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES)
-def test_the_block_lmi_itself_goes_both_ways(cycle, objective):
-    program = PROGRAMS[objective](pencils=state_theorems(cycle(3)).psi())
+def test_the_block_lmi_itself_goes_both_ways(cycle):
+    program = Program(pencils=state_theorems(cycle(3)).psi())
     direct, modelled = solve_directly(program), solve_dense(program)
     assert close(direct.objective, modelled.objective)
     assert set(direct.values) == {"P", "Q"}
     assert np.array_equal(direct.values["P"], direct.values["P"].T)
 
 
-def test_floor_ratio_and_radius_are_kept(harmonic):
+def test_the_floor_is_kept(harmonic):
     program = Program(pencils=(reduced(Fraction(-1), harmonic),), floor=Fraction(2))
     for answer in (solve_directly(program), solve_dense(program)):
         assert np.linalg.eigvalsh(answer.values["P"])[0] >= 2 - 1e-6
-    program = Margin(pencils=program.pencils, ratio=Fraction(3), radius=Fraction(1, 2))
-    for answer in (solve_directly(program), solve_dense(program)):
-        assert np.linalg.eigvalsh(answer.values["P"])[-1] <= 3 + 1e-6
-        assert np.linalg.eigvalsh(answer.values["P"])[0] >= 1 - 1e-6
-        assert np.linalg.norm(answer.values["Q"]) <= 0.5 + 1e-6
-
-
-def test_a_program_in_p_alone_goes_both_ways(harmonic):
-    W = ((Fraction(16, 5),), (Fraction(12, 5),))
-    for objective in OBJECTIVES:
-        program = PROGRAMS[objective](pencils=(with_gain(reduced(Fraction(-1), harmonic), W),))
-        assert close(solve_directly(program).objective, solve_dense(program).objective)
 
 
 def test_an_infeasible_program_gives_no_values(harmonic):
@@ -80,29 +64,24 @@ def test_an_infeasible_program_gives_no_values(harmonic):
         assert not answer.found
         assert np.isnan(answer.objective)
         assert "nfeasible" in answer.status
-    margin = Margin(pencils=program.pencils)
-    for answer in (solve_directly(margin), solve_dense(margin)):  # t may be positive, so this one always has a point
-        assert answer.found
-        assert answer.objective >= 1
 
 
 def test_a_feasible_problem_can_have_a_positive_margin(harmonic):
     """Theory, section 2: +0.247 at |Q| <= 1, P <= 10 I, although a pair exists; it says nothing."""
     program = Margin(pencils=(reduced(Fraction(-1, 10), harmonic),), ratio=Fraction(10), radius=Fraction(1))
-    assert solve_directly(program).objective > 0
+    assert solve_dense(program).objective > 0
     freer = Margin(pencils=program.pencils, ratio=Fraction(10**4), radius=Fraction(10**4))
-    assert solve_directly(freer).objective < 0
+    assert solve_dense(freer).objective < 0
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES)
 @pytest.mark.parametrize("modes", [1, 2, 3, 4])
 @pytest.mark.parametrize("m", [1, 2])
 @pytest.mark.parametrize("seed", range(2))
-def test_the_reduced_form_has_the_optimum_of_the_block_lmi(separable, objective, modes, m, seed):
+def test_the_reduced_form_has_the_optimum_of_the_block_lmi(separable, modes, m, seed):
     """Theory, Reduction: equal for m = 1 and for Lambda = Lambda_n (x) I_m."""
     problem = separable(seed, modes=modes, m=m)
-    dense = solve_dense(PROGRAMS[objective](pencils=state_theorems(problem).psi()))
-    small = solve_reduced(problem, objective=objective)
+    dense = solve_dense(Program(pencils=state_theorems(problem).psi()))
+    small = solve_reduced(problem)
     assert small.found == dense.found
     if small.found:
         assert close(small.objective, dense.objective)
@@ -124,14 +103,13 @@ def test_in_general_the_reduced_form_is_the_stricter_one(cycle):
     assert small.objective > dense.objective * 1.01
 
 
-@pytest.mark.parametrize("objective", OBJECTIVES)
 @pytest.mark.parametrize("n", [2, 3])
-def test_a_second_solver_agrees(cycle, objective, n):
+def test_a_second_solver_agrees(cycle, n):
     """SCS, a first-order method that shares no code with Clarabel."""
     problem = cycle(n)
-    second = solve_dense(PROGRAMS[objective](pencils=state_theorems(problem).psi()), solver="SCS")
+    second = solve_dense(Program(pencils=state_theorems(problem).psi()), solver="SCS")
     assert second.status in ("optimal", "optimal_inaccurate")
-    assert second.objective == pytest.approx(solve_reduced(problem, objective=objective).objective, rel=2e-2, abs=1e-3)
+    assert second.objective == pytest.approx(solve_reduced(problem).objective, rel=2e-2, abs=1e-3)
 
 
 def test_the_optimum_of_the_constant_disturbance_is_known(cycle):
@@ -162,16 +140,6 @@ def test_without_an_exosystem_or_beyond_the_floats_there_is_no_solution(cycle, h
     assert not Solution(status="failed").found
     bad = Solution(status="Solved", objective=1.0, values={"P": np.array([[np.nan]])})
     assert not bad.found
-
-
-def test_the_modelled_form_declares_p_symmetric_and_numbers_go_to_their_places(harmonic):
-    """Otherwise P >> 0 would look at the symmetric part only."""
-    _, variables = build_dense(Program(pencils=(reduced(Fraction(-1), harmonic),)))
-    assert variables["P"].is_symmetric()
-    # Unknowns in order: P_11, P_12, P_22, Q_11, Q_21.
-    values = assemble(reduced(Fraction(-1), harmonic), [1.0, 2.0, 3.0, 4.0, 5.0])
-    assert values["P"].tolist() == [[1, 2], [2, 3]]
-    assert values["Q"].tolist() == [[4], [5]]
 
 
 @pytest.mark.parametrize("size", [1e-300, 1e-9, 1.0, 12345.678, 1e300])

@@ -1,4 +1,4 @@
-"""The block LMI of the paper solved through cvxpy, the oracle of the reduced form; and programs for a margin."""
+"""The block LMI of the paper solved through cvxpy, the oracle of the reduced form; and its program for a margin."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
-from dobc_design.exact.pencil import Pencil, below, positive
 from dobc_design.solvers import conic
 from dobc_design.solvers.program import Program, Solution, as_sparse, assemble
 
@@ -22,44 +21,6 @@ class Margin(Program):
 
     ratio: Fraction = Fraction(100)
     radius: Fraction = Fraction(100)
-
-
-PROGRAMS = {"size": Program, "margin": Margin}
-
-
-def solve_directly(program: Program, *, time_limit: float = 60.0) -> Solution:
-    """By Clarabel, without a modelling layer."""
-    if not isinstance(program, Margin):
-        return conic.solve_directly(program, time_limit=time_limit)
-    first = program.pencils[0]
-    places = [place for unknown in first.unknowns for place in unknown.places()]
-    gains, P = [k for k, place in enumerate(places) if place[0] == "Q"], first.unknowns[0]
-
-    def cone(pencil: Pencil, t: float) -> conic.Cone:
-        columns = [pencil.coefficients.get(place) for place in places]
-        none = np.zeros(pencil.size * (pencil.size + 1) // 2)
-        rows = [none if each is None else conic.svec_exact(each) for each in columns]
-        return conic.Cone(
-            "semidefinite",
-            np.column_stack([*rows, -t * conic.svec(np.eye(pencil.size))]),
-            -conic.svec_exact(pencil.constant),
-        )
-
-    bounds = positive(P, floor=program.floor + 1), below(P, ceiling=program.ratio)
-    try:
-        cones = [*(cone(each, 1.0) for each in program.pencils), *(cone(each, 0.0) for each in bounds)]
-    except (ArithmeticError, ValueError) as error:
-        return Solution(status=f"failed: {type(error).__name__}")
-    if gains:  # [[radius, q'], [q, radius I]] >= 0
-        arrow = [np.zeros((len(gains) + 1,) * 2) for _ in range(len(places) + 1)]
-        for place, k in enumerate(gains, start=1):
-            arrow[k][0, place] = arrow[k][place, 0] = -1.0
-        right = conic.svec(float(program.radius) * np.eye(len(gains) + 1))
-        cones.append(conic.Cone("semidefinite", np.column_stack([conic.svec(each) for each in arrow]), right))
-    answer = conic.solve_cones(np.append(np.zeros(len(places)), 1.0), cones, time_limit=time_limit)
-    if not answer.found:
-        return Solution(status=answer.status)
-    return Solution(status=answer.status, objective=answer.objective, values=assemble(first, answer.x.tolist()))
 
 
 def solve_dense(program: Program, *, solver: str = "CLARABEL") -> Solution:

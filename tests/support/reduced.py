@@ -8,16 +8,15 @@ this one is the stricter.
 import math
 from fractions import Fraction
 
-from block_lmi import PROGRAMS, solve_directly
-
 from dobc_design.conditions.consensus.claim import reduced
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue
 from dobc_design.errors import SpecError
 from dobc_design.problem.problem import Problem
+from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Program, Solution
 
 
-def reduced_program(problem: Problem, *, objective: str = "size") -> Program | None:
+def reduced_program(problem: Problem) -> Program | None:
     """The small program of a problem: one agent with Lambda = max lambda_max I.  None without an estimate of it.
 
     Raises: SpecError without an exosystem; UndefinedError if a coupling has no derivative at 0.
@@ -27,15 +26,12 @@ def reduced_program(problem: Problem, *, objective: str = "size") -> Program | N
     bound = max(largest_eigenvalue(float_lambda(problem, mode)).value for mode in problem.network.modes)
     if not math.isfinite(bound):
         return None
-    return PROGRAMS[objective](pencils=(reduced(Fraction(bound), problem.exosystem),))
+    return Program(pencils=(reduced(Fraction(bound), problem.exosystem),))
 
 
-def solve_reduced(problem: Problem, *, objective: str = "size", time_limit: float = 60.0) -> Solution:
-    """Solve Theorem 1 (one mode) or 2 (several) at the consensus for P and Q, from the problem itself.
-
-    ``objective`` is one of ``PROGRAMS``.  Raises: as ``reduced_program``.
-    """
-    program = reduced_program(problem, objective=objective)
+def solve_reduced(problem: Problem) -> Solution:
+    """Solve Theorem 1 (one mode) or 2 (several) at the consensus for P and Q.  Raises: as ``reduced_program``."""
+    program = reduced_program(problem)
     if program is None:
         return Solution(status="failed: no estimate of lambda_max")
-    return solve_directly(program, time_limit=time_limit)
+    return solve_directly(program)

@@ -9,6 +9,7 @@ from loops import simulate, simulate_many
 from dobc_design import Failure, Problem, Stress
 
 FAILING = (Failure(agent="3", time=0.4, kind="freeze"), Failure(agent="2", time=0.5))
+EVERYTHING = Stress(noise=0.05, disturbance=0.3, frequency=2, saturation=2.0, loss=0.3, exchange=0.1, failures=FAILING)
 
 
 def planar() -> Problem:

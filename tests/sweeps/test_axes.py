@@ -152,12 +152,6 @@ def test_axes_that_undo_each_other_are_refused_and_those_that_go_together_are_no
         read_axes({})
 
 
-def test_all_wrong_axes_are_named_at_once():
-    with pytest.raises(SpecError) as caught:
-        read_axes(["a=1:1:2", "b=~x", "c=1"])
-    assert [error.key for error in caught.value.errors] == ["a", "b"]
-
-
 @pytest.mark.parametrize(
     ("text", "paths"),
     [

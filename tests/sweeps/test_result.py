@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 from problem_texts import CHAIN
 
 from dobc_design.errors import SpecError
@@ -122,20 +121,6 @@ def test_a_heat_map_draws_the_median_of_what_falls_on_a_cell_and_marks_the_worst
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert texts.count("!") == 1
     assert texts.count("?") == 11
-
-
-def test_a_line_goes_through_the_medians(tmp_path):
-    result = made({"pinning.gains.3": "1:3:3", "target": "~uniform(0,1)"}, tmp_path, samples=3)
-    line = result.plot().figure.axes[0].lines[0]
-    assert line.get_xdata().tolist() == [1, 2, 3]
-    assert line.get_ydata() == pytest.approx([0.1, 0.4, 0.7])
-
-
-@pytest.mark.parametrize("over", [GRID, {"pinning.gains.3": "1:3:3"}])
-def test_a_figure_is_drawn_into_given_axes(tmp_path, over):
-    ax = Figure().subplots()
-    assert made(over, tmp_path).plot(ax=ax) is ax
-    assert ax.has_data() and ax.get_title("left")
 
 
 def test_what_cannot_be_drawn_is_refused_with_what_can(tmp_path):

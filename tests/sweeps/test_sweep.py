@@ -64,16 +64,6 @@ def test_a_sweep_says_of_every_case_what_certify_says_of_the_same_file(chain, re
         assert {name: row[name] for name in wanted} == wanted
 
 
-def test_the_chain_is_refuted_without_a_pin_and_proved_with_one_and_draws_are_the_same_all_over_the_grid(result):
-    for row in result.rows:
-        if row["coupling.h"] == "y" and row["pinning.gains.3"] == 4:
-            assert row["verdict"] == "proved"
-        if row["coupling.h"] != "y+1" and row["pinning.gains.3"] == 0:
-            assert row["verdict"] == "refuted"
-    assert result.outcomes["failed"] == 4
-    assert len(set(result.column("network.modes.G[0][2]"))) == 2
-
-
 def test_simulations_can_be_swept_and_diverging_ones_are_results(tmp_path):
     text = CHAIN + "[region]\ninitial_states = [0, 9]\n[simulation]\nt_final = 5\n"
     (tmp_path / "c.toml").write_text(text, encoding="utf-8")
@@ -82,13 +72,6 @@ def test_simulations_can_be_swept_and_diverging_ones_are_results(tmp_path):
     run = dd.simulate(tmp_path / "c.toml")
     assert found.rows[0]["final_error"] == run.final_error
     assert found.rows[0]["settling_time"] == run.settling_time()
-
-
-def test_a_problem_from_python_is_swept_like_its_file(chain):
-    problem = load_problem(chain)
-    given = sweep(problem, OVER, samples=2, jobs=1)
-    again = sweep(chain, {**OVER, "pinning.gains.3": [0, 4]}, samples=2, jobs=1)
-    assert without_times(list(given.lines)) == without_times(list(again.lines))
 
 
 def test_arcs_from_a_file_are_read_once_and_travel_with_the_cases(tmp_path):
@@ -181,12 +164,6 @@ def test_a_folder_of_another_sweep_is_refused_and_left_alone_unless_forced(chain
         sweep(chain, over, out=out, jobs=1, **options)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     assert len(sweep(chain, over, out=out, jobs=1, force=True, **options)) == (4 if change == "values" else 2)
-
-
-def test_a_folder_with_results_of_unknown_origin_is_refused(chain, tmp_path):
-    (tmp_path / "results.jsonl").write_text("{}\n", encoding="utf-8")
-    with pytest.raises(SpecError, match=r"without sweep.json"):
-        sweep(chain, {"coupling.h": "y"}, out=tmp_path, jobs=1)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="files are not locked there")

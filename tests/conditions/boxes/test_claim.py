@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from lure_cases import PAPER, cycle, field, identity, random_problem
 
-from dobc_design.conditions.boxes.decide import Boxes, Shell, build_forms, energy_bounds, first_box, upper_bounds
+from dobc_design.conditions.boxes.decide import Boxes, Shell, build_forms, energy_bounds, upper_bounds
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
@@ -79,15 +79,6 @@ def test_the_energy_of_a_box_lies_between_its_bounds(seed):
     assert np.all(np.max(values, axis=0) <= most)
     corner = np.abs(boxes.centres) + boxes.halves
     assert np.all(most <= 3 * np.sum((corner @ np.abs(P)) * corner, axis=1))
-
-
-def test_boxes_are_halved_without_rounding_and_in_order():
-    first = first_box(2, Fraction(3, 2))
-    halves = first.split(np.array([1]))
-    assert halves.centres.tolist() == [[0.0, -0.75], [0.0, 0.75]]
-    assert halves.halves.tolist() == [[1.5, 0.75], [1.5, 0.75]]
-    with pytest.raises(SpecError, match="dyadic number of at most 20 bits"):
-        first_box(2, Fraction(1, 3))
 
 
 def test_where_a_coupling_is_not_defined_the_bound_is_infinite():

@@ -40,14 +40,6 @@ def test_a_set_that_is_reached_in_part_is_said_to_be():
 
 
 @pytest.mark.slow
-def test_a_covered_region_gets_a_rate():
-    """Near the consensus errors decay at 3 1/s; at least a tenth of it is certified for a small region."""
-    (check,) = stage(ring(2, 3, "1/2"))
-    assert 0.3 <= check.rate < 3
-    assert check.domain["radius"] >= math.sqrt(2) / 2
-
-
-@pytest.mark.slow
 def test_a_region_that_is_covered_gets_a_rate_though_other_boxes_were_counted_before():
     """One pin k = 5 in a ring of four: |e| <= 2 takes the second shape, at a tenth of the rate near the consensus."""
     arcs = [[1, 2], [2, 3, 2], [3, 4], [4, 1]]

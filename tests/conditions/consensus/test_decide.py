@@ -14,7 +14,7 @@ from random_problems import WEIGHTS
 
 from dobc_design import Exosystem, Observer, Verdict, certify
 from dobc_design.certification.recheck import recheck
-from dobc_design.conditions.consensus.claim import Pair, linearisation, state_theorems
+from dobc_design.conditions.consensus.claim import Pair, state_theorems
 from dobc_design.conditions.consensus.decide import (
     LARGEST_EXAMINED,
     Proposal,
@@ -213,35 +213,6 @@ def test_reasons_never_name_a_better_number_than_is_proved():
     certificate = certify(path(1, "1.234567", exosystem=slow, observer=Observer(W=[[0]])))
     assert "lambda_max <= -2.46913:" in certificate.check("lemma1").reason
     assert "exp(-0.1234 t)" in certificate.check("hurwitz").reason
-
-
-def test_the_linearisation_is_the_jacobian_minus_the_gains():
-    for seed in range(80):
-        problem = a_problem(seed)
-        oracle, statements = Oracle(problem), state_theorems(problem)
-        for mode in oracle.modes if oracle.smooth else ():
-            if oracle.exact_in(mode):
-                jacobian = next(each for each in statements.jacobians.modes if each.name == mode)
-                found = linearisation(jacobian, problem.pinning, problem.m)
-                rows = range(problem.n * problem.m)
-                assert [[found.get((i, j), 0) for j in rows] for i in rows] == oracle.loop(mode)
-
-
-def test_counts_agree_with_the_factors_found_by_sympy():
-    """Random slopes of both signs, full matrices, matrix gains; multiple roots and roots on the axis occur."""
-    seen = set()
-    for seed in range(80):
-        r = Random(seed)
-        n, m = r.randint(1, 4), r.choice((1, 2))
-        arcs = [[i + 1, j + 1] for i in range(n) for j in range(n) if i != j and r.random() < 0.5]
-        names = [f"y{d + 1}" for d in range(m)] if m > 1 else ["y"]
-        h = [" + ".join(f"({r.randint(-3, 3)})*{y}" for y in names) for _ in range(m)]
-        gains = {1: r.choice((0, 1, 3)), n: [[1, 2], [-2, 0]] if m == 2 else 1} if n > 1 else None
-        problem = linked(arcs, n, target=[0] * m, coupling=h, gains=gains)
-        roots = unstable_roots(state_theorems(problem), "G")
-        assert roots == Oracle(problem).unstable_roots("G")
-        seen.add(roots)
-    assert seen >= {0, 1, 2, 3}
 
 
 def test_irrational_slopes_and_large_networks_are_not_examined():

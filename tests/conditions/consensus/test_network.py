@@ -110,18 +110,6 @@ def test_of_unreached_agents_those_are_shown_that_suffice_and_all_are_named():
     assert lemma.witness.values == ("0", "0", "0", "0", "0", "1")
 
 
-def test_a_slow_direction_is_told_by_those_who_carry_it():
-    """3 hears 7 four times, 7 hears 3 once: (1, 1) has J + J' = [[-8, 5], [5, -2]], not negative along it."""
-    problem = linked([[1, 3], [3, 7, 4], [7, 3], [3, 1], [7, 1, "1/100"]], gains={1: 100})
-    lemma = certify(problem).check("lemma1")
-    assert lemma.witness.labels == ("3", "7")
-    assert "the error vector shown, which moves agents 3 and 7" in lemma.reason
-    assert "No gain on the pinned agents changes that." in lemma.reason
-    v = [Fraction(x) for x in lemma.witness.values]
-    assert form(Oracle(problem).lambda_("G"), v) >= 0
-    assert all(x.denominator == 1 and abs(x) <= 9 for x in v)
-
-
 def test_a_direction_that_gains_leave_free_is_that_of_the_group():
     problem = linked([[1, 2], [2, 1]], target=[0, 0], gains={1: [[0, 0], [0, 1]]})
     (direction,) = network.group_directions(problem, problem.network.modes["G"])

@@ -14,7 +14,6 @@ from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.graphs.decide import closed_classes, why_not
 from dobc_design.conditions.graphs.stage import markov_stage, mean_claim, square_claim
 from dobc_design.errors import SpecError
-from dobc_design.report.words import what_it_means
 
 PAPER = "exp(y) - 1 + y"
 CHAIN = {"A": [[3, 2]], "B": [[2, 1]]}
@@ -120,16 +119,6 @@ def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
         assert (tuple(check.exact["modes"]), check.witness.labels) == lost[0]
 
 
-def test_three_agents_in_mean_square():
-    """Never connected: 3 hears 2 in A, 2 hears 1 in B."""
-    found = certify(problem())
-    check = check_of(found, "markov")
-    assert found.claims.covered_by == "markov"
-    assert check.exact["kind"] == "mean square"
-    assert check.rate == pytest.approx(0.999 * rates_of(systems(found.problem), [[-1, 1], [2, -2]])[1], rel=1e-5)
-    assert "in mean square for the Markov signal" in found.reason
-
-
 def test_larger_networks_in_the_mean():
     ring = [[i, i % 20 + 1] for i in range(1, 21)]
     halves = {"odd": [arc for arc in ring if arc[0] % 2], "even": [arc for arc in ring if not arc[0] % 2]}
@@ -139,19 +128,6 @@ def test_larger_networks_in_the_mean():
     assert check.domain == "global"
     assert check.rate <= rates_of(systems(own), [[-1, 1], [2, -2]])[0]
     assert "in the mean" in check.reason
-
-
-def test_weights_of_many_agents_travel_as_doubles():
-    n = 1200
-    modes = {
-        "A": [[i, i - 1] for i in range(2, n + 1) if i % 2],
-        "B": [[i, i - 1] for i in range(2, n + 1) if not i % 2],
-    }
-    own = problem(modes, n=n, gains=1)
-    found = mean_claim(own, None, own.switching.generator)
-    assert found is not None
-    assert why_not(own, None, found) is None
-    assert 0.9 <= float(found.rate) <= 1
 
 
 def test_couplings_that_mix_components_in_mean_square():
@@ -212,14 +188,6 @@ def test_all_pinned_agents_reach_the_target_for_every_graph():
     assert (check.rate, check.claim.rate) == (0.5, Fraction(1, 2))
     assert "All agents are pinned, so from there all reach the target for every graph and every motion" in check.reason
     assert "in the region for every graph and every motion, at a rate of at least 0.5 1/s." in found.reason
-
-
-def test_the_report_says_for_which_signals_it_holds():
-    yes, no = what_it_means(certify(problem()))
-    assert "It holds in mean square for the Markov signal, whatever its first mode." in yes
-    assert "It says nothing about other signals." in no
-    yes, _ = what_it_means(certify(problem(switching=MOBILE)))
-    assert [text for text in yes if text.startswith("From every start no agent ever leaves the box |e| <= max |e(0)|")]
 
 
 def test_an_observer_takes_its_part_of_the_box():

@@ -8,21 +8,16 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from separable_problems import PAPER, TURNING, cycle, float_gains, listening, random_problem
+from separable_problems import PAPER, TURNING, cycle, listening
 
 from dobc_design import Problem, Verdict, certify, load_problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
 from dobc_design.conditions.check import Check, Values
-from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
-from dobc_design.conditions.margins.stage import margins_stage
-from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.separable.claim import Errors, Separable, rows
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
-from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.exact.number import number_text
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem, constant, harmonics, ramp, total
@@ -40,13 +35,6 @@ def found(problem: Problem, id: str) -> Check:
     check = next(check for check in certified(problem).checks if check.id == id)
     assert "second program" not in check.reason
     return check
-
-
-def region_checks(problem: Problem) -> dict[str, Check]:
-    """What `certify --all` says about the region without its slower stages."""
-    asked = read_region(problem, observer_gain(problem), domain="consensus", everything=True)
-    checks = separable_stage(asked, lambda stage: None)
-    return {check.id: check for check in [*checks, *margins_stage(asked, checks, lambda stage: None)]}
 
 
 def chain(h: str = "y", **more: object) -> Problem:
@@ -215,31 +203,3 @@ def test_disturbances_without_a_bound_ask_for_the_amplitude():
     check = found(problem, "actuators")
     assert "give actuators.amplitude" in check.reason
     assert largest_disturbance(problem.replace(actuators={"amplitude": 2})) == (2,) * 10
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_corners_of_weights_stay_inside(seed: int):
-    """Random corners of weights and gains from corners of the box, simulated by SciPy: N never exceeds its start."""
-    problem = random_problem(seed, couplings=(PAPER, "tanh(y)", "sin(y)"), modes=1, n=4, held=True)
-    problem = problem.replace(region={"initial_states": ["-0.5", "0.5"]})
-    checks = region_checks(problem)
-    check, base = checks["tolerance"], checks["max-separable"].claim
-    rng, spread = np.random.default_rng(seed), float(F(check.exact["weights"]))
-    v, gains = np.array([float(x) for x in base.v]), float_gains(problem)
-    arcs = [
-        (i, j, float(w), problem.coupling_of(i, j).numpy_function())
-        for i, j, w in next(iter(problem.network.modes.values()))
-    ]
-    for _ in range(3):
-        ends = 1 + spread * rng.choice((-1, 1), size=len(arcs))
-        k = gains * (1 + spread * rng.choice((-1, 1), size=len(gains)))
-
-        def field(t: float, e: np.ndarray, ends: np.ndarray = ends, k: np.ndarray = k) -> np.ndarray:
-            slope = -k * e
-            for (i, j, w, h), end in zip(arcs, ends, strict=True):
-                slope[i] += w * end * h([e[j] - e[i]])[0]
-            return slope
-
-        start = float(base.rho) * v * rng.choice((-1, 1), size=len(v))
-        run = solve_ivp(field, (0, 5), start, rtol=1e-9, atol=1e-12)
-        assert np.max(np.abs(run.y).T / v) <= float(base.rho) * (1 + 1e-9)

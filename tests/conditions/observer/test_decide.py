@@ -3,16 +3,14 @@
 from fractions import Fraction
 from itertools import islice
 
-import numpy as np
 import sympy as sp
 from exact_oracle import Oracle, hurwitz
 from random_problems import random_problem
 
 from dobc_design import Exosystem, Verdict
-from dobc_design.conditions.consensus.network import name_agents, reachability_check
+from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.observer.decide import (
     detectability_check,
-    error_matrix,
     hurwitz_check,
     hurwitz_with_rate,
     observability_check,
@@ -82,29 +80,6 @@ def test_without_a_gain_it_says_whether_one_exists():
     hidden, free = (hurwitz_check(Exosystem(A=[[0]], C=[[c]]), None) for c in (0, 1))
     assert "none exists" in hidden.reason and hidden.fix.set == {"exosystem": None}
     assert "none was found" in free.reason and free.fix is None
-
-
-def test_rates_of_random_gains_lie_below_the_spectrum():
-    for problem in PROBLEMS:
-        W = problem.observer.W
-        if W is None:
-            continue
-        A, C = (np.array(M, dtype=float) for M in (problem.exosystem.A, problem.exosystem.C))
-        decay = -np.linalg.eigvals(A - np.array(W, dtype=float) @ C).real.max()
-        check = hurwitz_check(problem.exosystem, W, estimate=float(decay))
-        if check.rate is not None:
-            assert hurwitz_with_rate(error_matrix(problem.exosystem, W), Fraction(repr(check.rate)))
-            assert check.rate <= decay * (1 + 1e-6)
-
-
-def test_reachability_agrees_with_the_oracle_in_every_mode():
-    for problem in PROBLEMS:
-        oracle = Oracle(problem)
-        for mode in oracle.modes:
-            alone = tuple(oracle.labels[i] for i in oracle.unreached([mode]))
-            check = reachability_check(problem, mode)
-            assert check.verdict is (REFUTED if alone else PROVED)
-            assert (check.witness.labels if alone else None) == (alone or None)
 
 
 def test_agents_are_named_in_words():

@@ -2,7 +2,6 @@
 
 import json
 from fractions import Fraction
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from checker_cases import accepted_by
 from dobc_design import Network, Problem, Switching, Verdict, certify, certify_settling, simulate
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
-from dobc_design.conditions.schedule.checks import read_claim
 from dobc_design.conditions.schedule.cycles import (
     Cycles,
     Phase,
@@ -165,36 +163,6 @@ def test_three_agents_that_are_never_connected(found):
     assert accepted_by(json.loads(certificate_bytes(result.claims)), own) == (True, True)
 
 
-def test_a_claim_is_read_back_from_json(found):
-    own, result = found
-    check = schedule_of(result)
-    assert read_claim(check, own, None) == check.claim
-    assert read_claim(check, own, None).to_json() == check.claim.to_json()
-    by_graphs = Cycles(phases=(), rate=None, rho=TWO)
-    assert by_graphs.to_json() == {"rate": None, "rho": "2", "phases": []}
-
-
-def test_no_simulated_run_leaves_the_boxes(found):
-    """N = max |e_i| / v_i(t) never rises, and falls by the rate at each change."""
-    own, result = found
-    claim, phases = schedule_of(result).claim, phases_of(own)
-    ends = np.cumsum([0.0, *[float(each.shortest) for each in phases] * 3])
-    for start in ([1, 1, 1], [0, 1, -1], [-1, 0.5, 1]):
-        inside = [np.linspace(a, b, 41)[:-1] for a, b in pairwise(ends)]
-        samples = [*np.concatenate(inside), ends[-1]]
-        run = simulate(own, start=[[x] for x in start], t_final=float(ends[-1]), samples=samples)
-        e, last = np.abs(run.x[:, :, 0]), np.inf
-        for k in range(len(ends) - 1):
-            each = claim.phases[k % len(phases)]
-            times, v = np.array(each.times, dtype=float), np.array(each.v, dtype=float)
-            now = np.linspace(0, float(times[-1]), 41)
-            weights = np.stack([np.interp(now, times, column) for column in v.T], axis=1)
-            N = np.max(e[40 * k : 40 * k + 41] / weights, axis=1)
-            assert np.all(np.diff(N) <= 1e-7 * N[0])
-            assert N[0] <= last * np.exp(-float(claim.rate) * float(times[-1])) * (1 + 1e-7) or k == 0
-            last = N[0]
-
-
 def test_half_a_ring_at_a_time_holds_by_the_graphs():
     own = ring({1: 5, 6: 5}, region={"initial_states": [-4, 4]})
     claim = Cycles(phases=(), rate=None, rho=Fraction(4))
@@ -223,14 +191,6 @@ def test_without_pins_nothing_is_proved():
     check = schedule_of(certify(ring({}, region={"initial_states": [-4, 4]})))
     assert check.verdict is Verdict.UNDECIDED
     assert "no pin reaches agent 1" in check.reason
-
-
-@pytest.mark.slow
-def test_half_a_ring_at_a_time_near_the_target():
-    """The late factor per period of 2 s is 0.381549: 0.4818 per second."""
-    check = schedule_of(certify(ring({1: 5, 6: 5})))
-    assert check.verdict is Verdict.PROVED, check.reason
-    assert float(check.rate) >= 0.9 * 0.4818
 
 
 @pytest.mark.slow

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lure_cases import HARMONIC, field
+from lure_cases import field
 from region_cases import problems
 from scipy.integrate import solve_ivp
-from separable_problems import cycle, listening, pair, random_problem
+from separable_problems import listening, pair
 from tube_cases import CUBIC, GOOD, LINE, MIXED, SEEN, STRETCHED, UNEVEN, bent, moved
 
 import dobc_design as dd
 from dobc_design.conditions.check import check_from_json
-from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule.checks import read_claim, settling_of
 from dobc_design.conditions.schedule.claim import Descent, Tube
 from dobc_design.conditions.schedule.decide import open_segments, why_not
@@ -152,17 +151,6 @@ def test_no_run_leaves_a_tube_that_is_proved_and_some_leave_one_that_is_refused(
     tight = replace(tube, upper=(tube.upper[0], *(tuple(x * F(9, 10) for x in box) for box in tube.upper[1:])))
     assert open_segments(problem, tight, disturbance=F(0)) != []
     assert excess(problem, tight) > 1e-3
-
-
-def test_no_run_with_an_observer_or_among_modes_leaves_its_tube():
-    heard, several = cycle(3, exosystem=HARMONIC), random_problem(3, modes=2, held=True)
-    found = dd.certify_settling(heard, radius=1, disturbance="1/2", tolerance="1/10").claim
-    assert excess(heard, found.tube, W=observer_gain(heard), disturbance=F(1, 2)) <= 1e-7
-    small = replace(found.tube.error, size=found.tube.error.size / 100)
-    assert open_segments(heard, found.tube, disturbance=F(1, 2)) == []
-    assert open_segments(heard, found.tube, disturbance=F(5)) != []
-    assert open_segments(heard, replace(found.tube, error=small), disturbance=F(5)) == []  # the same sqrt(size) s
-    assert excess(several, dd.certify_settling(several, radius=1, tolerance="1/10").claim.tube) <= 1e-7
 
 
 def test_the_envelope_is_the_larger_face_and_then_the_certificate():

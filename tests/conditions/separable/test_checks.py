@@ -76,14 +76,6 @@ def test_linear_couplings_are_proved_for_every_start_and_only_they():
     assert proved(replace(CLAIM, rho=None)).verdict is UNDECIDED
 
 
-def test_kinks_are_no_obstacle():
-    """clip(y, -1, 1) on two pinned agents: v = 1, alpha = k."""
-    problem = listening([[1, 2], [2, 1]], "clip(y, -1, 1)", gains=1)
-    check = proved(Separable(v=fractions(1, 1), alpha=F(1), rho=F(9)), 9.0, problem)
-    assert check.verdict is PROVED
-    assert confirmed(check, problem) is None
-
-
 # with an observer: xi' = 0, d = xi, W = 2, so P = 1 works with beta = 2
 
 WATCHED = {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[2]])}
@@ -95,23 +87,6 @@ COMPOSITE = replace(CLAIM, error=BOUND)
 
 def composite(claim=COMPOSITE, radius=1.5, disturbance=0.5):
     return proved(claim, radius, OBSERVED, W, disturbance)
-
-
-def test_the_composite_covers_radius_and_disturbance_exactly():
-    """1.5/1 + 1 * 0.5 * 1 = 2 = rho; the rate is min(1/3, 2 - 1)."""
-    check = composite()
-    assert (check.verdict, check.rate) == (PROVED, 0.333333333)
-    assert confirmed(check, OBSERVED, W=W) is None
-    assert composite(radius=1.5000001).verdict is UNDECIDED
-    assert composite(disturbance=0.5000001).verdict is UNDECIDED
-
-
-def test_the_rate_of_the_composite_is_that_of_the_slower_part():
-    """kappa = 3/5: 2 - 5/3 = 1/3; 0.59: 2 - 1/0.59 = 0.305."""
-    check = composite(replace(COMPOSITE, error=replace(BOUND, kappa=F(59, 100))))
-    assert check.rate == pytest.approx(0.3050847, rel=1e-6)
-    assert confirmed(check, OBSERVED, W=W) is None
-    assert "does not follow" in confirmed(replace(check, rate=0.306), OBSERVED, W=W)
 
 
 def test_the_observers_part_cannot_be_left_out():

@@ -184,16 +184,6 @@ def test_a_large_network_is_certified_and_confirmed_and_v_travels_as_doubles():
     assert recheck(certificate_bytes(certificate.claims), problem).holds
 
 
-@pytest.mark.slow
-def test_many_arcs_with_a_falling_coupling_are_certified_beyond_the_range_on_which_it_rises(monkeypatch):
-    """sin on a ring of 100, every fourth agent pinned: e = 1.5 looks as far as |y| = 3, far beyond pi/2."""
-    monkeypatch.setattr("dobc_design.conditions.separable.stage.TIMED_ARCS", 0)
-    found = stage(ring(100, "sin(y)", step=4, k=3, reach="3/2"))
-    check = found["max-separable"]
-    assert (check.verdict, check.domain["radius"]) == (PROVED, 1.5)
-    assert found["delay"].reason.startswith("left out: the network has 200 arcs")
-
-
 def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
     """Five agents in a row, the first pinned: a common v exists for every radius (theory, section 5, existence)."""
     problem = listening([[i + 1, i] for i in range(1, 5)], "exp(y) - 1 + y", n=5, gains={1: 2}, region=side(1))

@@ -40,13 +40,6 @@ def test_the_delayed_rate_of_two_agents_is_halanays():
     assert 0.4 < float(found.delay) / (np.log(1.4) / 0.3) <= 1
 
 
-def test_without_delay_the_rate_is_alpha():
-    problem = cycle(gains=5)
-    claim = Separable(v=(F(1),) * 10, alpha=F(5), rho=F(2))
-    assert verify_delay(problem, claim, DelayBound(delay=F(0), rate=F(5))).verdict is Verdict.PROVED
-    assert verify_delay(problem, claim, DelayBound(delay=F(0), rate=F("5.001"))).verdict is Verdict.REFUTED
-
-
 def test_every_delay_leaves_a_positive_rate():
     claim = certified(cycle(4), F(1))
     delays = [longest_delay(cycle(4), claim, rate=claim.alpha * part).delay for part in (F("0.99"), F(1, 2), F(1, 20))]
@@ -128,16 +121,6 @@ def test_the_period_of_a_convex_coupling_is_that_of_the_whole_way():
     bound = largest_period(pair(PAPER), claim)
     assert 0.75 / mean < bound.period < 1 / mean
     assert -2 + float(h([3.0])[0]) * 1.5 / mean > 2
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_many_arcs_in_arrays_have_the_period_of_their_rows(monkeypatch, seed: int):
-    """Slopes on equal parts of the box are at least those of the slices, which are bounded up to 1/1000."""
-    problem = random_problem(seed, couplings=MONOTONE + TURNING, modes=2, n=4, held=True)
-    claim = certified(problem, F(1, 4))
-    by_rows = largest_period(problem, claim).period
-    monkeypatch.setattr("dobc_design.conditions.separable.timing._MANY_ARCS", 0)
-    assert F("0.97") * by_rows <= largest_period(problem, claim).period <= F("1.002") * by_rows
 
 
 def test_a_coupling_that_no_arc_has_does_not_limit_the_period(monkeypatch):

@@ -68,14 +68,6 @@ def test_gains_of_the_problem_are_not_looked_at():
     assert dd.design(ring(3, gains={"3": 77}), rate="0.1").gains == dd.design(ring(3), rate="0.1").gains
 
 
-@pytest.mark.slow
-def test_only_allowed_agents_are_pinned_and_no_gain_exceeds_its_cap():
-    found = dd.design(ring(region=BOX), allowed=["2", "4"], pins=2, max_gain="0.3", rate="0.05")
-    assert is_proved(found)
-    assert set(found.gains) <= {"2", "4"}
-    assert max(found.gains.values()) <= Fraction(3, 10)
-
-
 def test_a_rate_beyond_the_allowed_agents_is_refuted_with_the_nearest_one():
     """A held leader: the others follow at h'(0) = 1 and no faster, whatever k_1."""
     found = dd.design(star(3, region=BOX), rate="1.01", allowed=["1"])

@@ -4,7 +4,6 @@ import sys
 from fractions import Fraction
 
 import pytest
-from matplotlib.figure import Figure
 from small_designs import BOX, CONSTANT, NOISY_BOX, ring, star
 
 import dobc_design as dd
@@ -56,15 +55,6 @@ def test_the_noise_curve_of_a_constant_disturbance_is_w_itself():
 @pytest.fixture(scope="module")
 def small():
     return dd.trade_off(star(2, region=BOX, name="<b>"), points=3)
-
-
-def test_a_trade_off_shows_itself(small, tmp_path):
-    assert small.plot().save(tmp_path / "curve.svg").stat().st_size > 1000
-    ax = Figure().subplots()
-    assert small.plot(ax=ax) is ax
-    assert ax.get_lines()[0].get_xdata().tolist() == [point.x for point in small.points]
-    assert small._repr_html_().count("<b>") == 1  # its own, not the name
-    assert str(small).count("\n") >= 3
 
 
 def test_a_trade_off_becomes_a_table(small):

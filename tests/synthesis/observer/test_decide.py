@@ -35,7 +35,6 @@ from dobc_design.synthesis.observer.decide import (
     noise_statement,
     rate_holds,
     region_statement,
-    root_above,
     roots_inside,
     sampled_matrix,
     sampled_statements,
@@ -208,13 +207,6 @@ def test_channels_are_transfer_functions_of_the_simulated_observer():
         assert value == pytest.approx(expected[name])
     with pytest.raises(SpecError, match="channel must be one of"):
         channel(exosystem, gain, "wind")
-
-
-@pytest.mark.parametrize("square", ["0", "1/9", "2", "1e-30", "1e30"])
-def test_roots_are_rounded_up(square):
-    root = root_above(Fraction(square))
-    assert Fraction(root) ** 2 >= Fraction(square)
-    assert Fraction(root) ** 2 <= Fraction(square) * (1 + Fraction(1, 10**14))
 
 
 HARMONIC = exosystems.harmonics(2)

@@ -16,12 +16,9 @@ from dobc_design.synthesis.observer.claim import (
     Disk,
     HalfPlane,
     NoiseLimit,
-    ObserverRequest,
-    common_interval,
     read_observer_request,
 )
 from dobc_design.synthesis.observer.decide import channel, noise_statement, rate_holds
-from dobc_design.synthesis.observer.propose import make_plant, propose_gains
 from dobc_design.verdict import Verdict
 
 SHAPES = {
@@ -93,18 +90,6 @@ def test_p_and_q_prove_the_envelope():
     values = np.linalg.eigvalsh(P)
     assert rate > 0 and 0 < lower <= values[0] * (1 + 1e-9) and values[-1] <= upper * (1 + 1e-9)
     assert np.max(np.linalg.eigvalsh(F.T @ P + P @ F + 2 * rate * P)) <= 1e-9 * upper
-
-
-def test_the_default_is_half_the_kalman_rate():
-    """With the rate of control.lqe halved and rounded to three digits."""
-    import control
-
-    A, C = to_float(SHAPES["harmonic"].A), to_float(SHAPES["harmonic"].C)
-    _, _, closed = control.lqe(A, np.eye(2), C, np.eye(2), np.eye(1))
-    rate = float(f"{-np.max(closed.real) / 2:.3g}")
-    found = design(SHAPES["harmonic"])
-    assert found.verdict is Verdict.PROVED
-    assert found.measures["rate"] == pytest.approx(rate, rel=0.05)
 
 
 @pytest.mark.parametrize(
@@ -230,18 +215,6 @@ def test_a_design_shows_itself_and_goes_to_json():
     assert data["measures"]["h2 measurement"] is None
 
 
-def test_candidates_of_the_observable_part_are_lifted_to_all_states():
-    """One state is not seen; T has orthonormal rows, so W leaves it alone."""
-    exosystem = dd.Exosystem(A=[[-9, 0, 0], [0, 0, 2], [0, -2, 0]], C=[[0, 1, 0]])
-    request = ObserverRequest(rate=Fraction(1))
-    plant = make_plant(exosystem, request)
-    assert plant.A.shape == (2, 2)
-    assert pytest.approx(np.eye(2)) == plant.T @ plant.T.T
-    gains = [W for W, _ in propose_gains(exosystem, request)]
-    assert all(W[0][0] == 0 for W in gains)
-    assert any(rate_holds(subtract(exosystem.A, multiply(W, exosystem.C)), Fraction(1)) for W in gains)
-
-
 def test_numbers_are_read_as_typed():
     request = read_observer_request(rate=0.1, region=Cone(damping=0.7), noise=2.5)
     assert request.rate == Fraction(1, 10)
@@ -250,19 +223,6 @@ def test_numbers_are_read_as_typed():
     request = read_observer_request(rate=2, region=[Disk(centre=-3, radius=1)])
     assert request.all_regions == (HalfPlane(left_of=-2), Disk(centre=-3, radius=1))
     assert read_observer_request().all_regions == (HalfPlane(left_of=0),)
-
-
-@pytest.mark.parametrize(
-    ("regions", "expected"),
-    [
-        ([HalfPlane(left_of=-1)], (None, -1)),
-        ([HalfPlane(right_of=-9), Cone(damping="1/2")], (-9, 0)),
-        ([HalfPlane(left_of=-3), Disk(centre=0, radius=2)], None),
-        ([HalfPlane(left_of=-2), Disk(centre=0, radius=2)], (-2, -2)),
-    ],
-)
-def test_the_common_part_is_seen_on_the_real_axis(regions, expected):
-    assert common_interval(tuple(regions)) == expected
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ THIRD_PARTY = {
     "simulation": {"pandas", *NUMBERS},
     "solvers": {"clarabel", "cvxpy", *NUMBERS},
     "sweeps": {"distributed", "joblib", "numpy", "pandas", "pyarrow"},
-    "synthesis": {"pandas", *NUMBERS},
+    "synthesis": {"control", "pandas", *NUMBERS},
 }
 # Packages that only some modules of their room may use.
 ONLY_IN = {"pydantic": ("problem.load", "problem.schema"), "typst": ("report.pdf",)}

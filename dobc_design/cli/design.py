@@ -34,6 +34,9 @@ def design(
     conservative: Annotated[
         bool, typer.Option("--conservative", help="Without a region: gains for V = e'e, not for the true local rate.")
     ] = False,
+    coupling: Annotated[
+        bool, typer.Option("--coupling", help="Design the coupling, too (agents with [dynamics] only).")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file of --out.")] = False,
     quiet: output.Quiet = False,
     verbose: output.Verbose = False,
@@ -60,7 +63,7 @@ def design(
             "allowed": labels or None,
         }
         how: dict[str, Any] = {"digits": digits, "reduce": not keep_exosystem, "progress": progress}
-        how["conservative"] = conservative
+        how |= {"conservative": conservative, "coupling": coupling}
         found = designs.design(problem, **limits, **how)
     written = None
     if found.verdict.value == "proved":
@@ -114,4 +117,5 @@ def _option_texts(request: DesignRequest, labels: Sequence[str]) -> list[str]:
     }
     words = [word for option, value in given.items() if value is not None for word in (option, str(value))]
     flags = {"--keep-exosystem": not request.reduce, "--conservative": request.conservative}
+    flags["--coupling"] = request.coupling
     return [*words, *(flag for flag, given in flags.items() if given)]

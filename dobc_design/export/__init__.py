@@ -44,7 +44,7 @@ def to_c(
     certificate: Certificate | Claims | None = None,
     sampled_gain: Any = None,
 ) -> CCode:
-    """C99 of the sampled observer and controller, with a self-test; ``save(folder)`` writes it.
+    """C99 of the sampled observer and controller, with a self-test; ``save(folder)`` writes it.  [dynamics] need A.
 
     ``period`` in s; ``precision`` "double" or "float"; ``agents``: labels, or one; default all (at most 200), of one
     group where they have different exosystems; ``certificate``: its check ``sampling`` is compared with the period;
@@ -62,7 +62,6 @@ def to_c(
     from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
-    problem.require_integrators("C code")
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
         message = "certificate must be one of this problem; it is about another one."
@@ -89,7 +88,6 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
-    problem.require_integrators("an FMU")
     label = None if agent is None else str(agent)
     if agent is None:
         pinned = problem.pinning.agents
@@ -156,7 +154,7 @@ def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | Non
 def to_numpy(source: Source | Certificate) -> dict[str, Any]:
     """The matrices of a problem, or of a certificate with its W, P and Q, as float64 arrays by name.
 
-    Returns: A, C, W, P, Q, K, xbar, L and Lambda; with several modes L_MODE and Lambda_MODE.
+    Returns: A, C, W, P, Q, K, xbar, L and Lambda; with several modes L_MODE and Lambda_MODE; with [dynamics] Ax and B.
     Raises: SpecError above 500 rows.
     Example:
         >>> dd.export.to_numpy("paper-fixed")["W"].tolist()
@@ -194,10 +192,8 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
 
     if isinstance(source, Certificate):
         claims = source.claims
-        source.problem.require_integrators("the list of matrices")
         return exact_matrices(source.problem, W=claims.W, P=claims.P, Q=claims.Q), source.problem
     problem = _loaded(source)
-    problem.require_integrators("the list of matrices")
     own = problem.joint_observer
     return exact_matrices(problem, W=own.W, P=own.P), problem
 

@@ -3,7 +3,8 @@
 Paper: (13), (19), sampled as in ``simulation.sampled``.  Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds and
 L = int_0^T exp((A - W C) s) ds W are enclosed by Arb and rounded once; the rounded numbers are what is proved about:
 all eigenvalues of Ad - L Cd in the open unit disk, and those of I + T (J - K) of every mode at the consensus, which
-is local and about staying in one mode.
+is local and about staying in one mode.  The error of an observer of agents with linear [dynamics] obeys the same, with
+Cd as ``simulation.sampled`` has it; their sampled network is decided without a disturbance.
 """
 
 from __future__ import annotations
@@ -18,18 +19,19 @@ from dobc_design.certificate.claims import Claims, certified_period
 from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus, linearisation
 from dobc_design.conditions.numbers import bisected, rounded_down
 from dobc_design.conditions.statement import Statement, undecided
-from dobc_design.errors import SpecError
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.interval import UndefinedError, discretise
-from dobc_design.exact.matrix import Matrix, add, identity, matrix, multiply, scale, shape, subtract, transpose
+from dobc_design.exact.interval import IntervalMatrix, UndefinedError, discretise
+from dobc_design.exact.matrix import Matrix, add, identity, inverse, matrix, multiply, scale, shape, subtract, transpose
 from dobc_design.exact.number import number_text, parse_number
 from dobc_design.exact.polynomial import characteristic_polynomial, decide_images, disk_image
 from dobc_design.exact.reading import named, shown
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import PRECISIONS, rounded
 from dobc_design.problem.arrays import Gain, chosen_gain
-from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
+from dobc_design.problem.integrators import as_integrators, slopes_of_nodes
 from dobc_design.problem.network import one_form
 from dobc_design.problem.problem import Problem
 from dobc_design.simulation.sampled import check_sampled_gain
@@ -75,29 +77,33 @@ def sampled_observer_statement(Ad: Matrix, Cd: Matrix, L: Matrix, *, period: Fra
     return Statement(kind="sampled", verdict=verdict, text=text, exact={"period": number_text(period)})
 
 
-def sampled_network_statement(problem: Problem, period: Fraction) -> Statement:
+def sampled_network_statement(problem: Problem, period: Fraction, *written: Matrix) -> Statement:
     """State whether e_(k+1) = (I + T (J - K)) e_k dies out in every mode: exact, at the consensus.  UNDECIDED for n m >
     40 (200 where J - K is symmetric), for slopes that are not rational, and where an agent that nothing pins keeps its
-    error."""
+    error.  ``written``: motion and push, with which agents with linear [dynamics] move (no disturbance)."""
     answer = partial(Statement, kind="sampled-network", exact={"period": number_text(period)})
     if problem.n * problem.m > MOST_SYMMETRIC:
         text = f"the sampled network is not decided for more than {MOST_SYMMETRIC} rows."
         return answer(verdict=Verdict.UNDECIDED, text=text)
     try:
-        modes = jacobians_at_consensus(problem).modes
+        modes = jacobians_at_consensus(as_integrators(problem)).modes
     except UndefinedError:
         return answer(verdict=Verdict.UNDECIDED, text="the coupling has no derivative at the consensus.")
-    found = {mode.name: _mode_verdict(problem, mode, period) for mode in modes}
+    which = "its matrix (with the numbers as written)" if written else "I + T (J - K)"
+    found = {mode.name: _mode_verdict(as_integrators(problem), mode, period, written) for mode in modes}
     bad, unknown = ([n for n, each in found.items() if each is v] for v in (Verdict.REFUTED, Verdict.UNDECIDED))
     if bad:
         text = f'held over {float(period):.4g} s, couplings and pinning drive the agents apart in mode "{bad[0]}": an'
-        return answer(verdict=Verdict.REFUTED, text=f"{text} eigenvalue of I + T (J - K) lies outside the unit disk.")
+        return answer(verdict=Verdict.REFUTED, text=f"{text} eigenvalue of {which} lies outside the unit disk.")
     if unknown:
         text = f'in mode "{unknown[0]}" it stays open whether the sampled network converges at the consensus: an agent'
         text += " that nothing reaches keeps its error, a slope is not rational, or there are more than"
         return answer(verdict=Verdict.UNDECIDED, text=f"{text} {MOST_ROWS} rows.")
-    text = "in every mode the sampled network converges near the consensus: all eigenvalues of I + T (J - K) lie inside"
-    return answer(verdict=Verdict.PROVED, text=f"{text} the unit disk (period {float(period):.4g} s).")
+    text = (
+        f"{'without a disturbance ' * bool(written)}in every mode the sampled network converges near the consensus: all"
+    )
+    text += f" eigenvalues of {which} lie inside the unit disk (period {float(period):.4g} s)."
+    return answer(verdict=Verdict.PROVED, text=text)
 
 
 def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fraction | None:
@@ -117,11 +123,17 @@ def longest_period(works: Callable[[Fraction], bool], asked: Fraction) -> Fracti
     return short if works(short) else low
 
 
-def _mode_verdict(problem: Problem, mode: ModeJacobian, period: Fraction) -> Verdict:
-    if not mode.is_point:
+def _mode_verdict(problem: Problem, mode: ModeJacobian, period: Fraction, written: Sequence[Matrix]) -> Verdict:
+    size, origin = problem.n * problem.m, problem.origin
+    if not mode.is_point or (written and size > MOST_ROWS):
         return Verdict.UNDECIDED
-    loop, rows = linearisation(mode, problem.pinning, problem.m), range(problem.n * problem.m)
+    loop, rows = linearisation(mode, problem.pinning, problem.m), range(size)
     F = tuple(tuple((i == j) + period * loop.get((i, j), Fraction(0)) for j in rows) for i in rows)
+    if written and origin is not None and origin.dynamics is not None:
+        A, left = slopes_of_nodes(problem), origin.dynamics.left_inverse  # loop = I (x) A + (I (x) B) X
+        X = subtract(scale(1 / period, subtract(F, identity(size))), block_diagonal([A] * problem.n))
+        held = multiply(block_diagonal([multiply(written[1], left)] * problem.n), X)
+        F = add(block_diagonal([add(identity(problem.m), written[0])] * problem.n), held)
     if transpose(F) == F:
         return _symmetric_in_unit_disk(F)
     return _in_unit_disk(F) if len(F) <= MOST_ROWS else Verdict.UNDECIDED
@@ -159,22 +171,24 @@ class Hearing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AgentNumbers:
-    """One agent: index, label, goal (m), gain (m, m), neighbours by index, and its arcs mode by mode."""
+    """One agent: index, label, goal (m), gain (p, m), u0 (p) that holds the goal (None for integrators), neighbours by
+    index, and its arcs mode by mode."""
 
     index: int
     label: str
     goal: tuple[Fraction, ...]
     gain: Matrix
+    rest: tuple[Fraction, ...] | None
     neighbours: tuple[int, ...]
     modes: tuple[tuple[Hearing, ...], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Controller:
-    """A sampled controller with the numbers of its code.  Shapes: Ad (q, q), Cd (m, q), L (q, m), rounded to
-    ``precision``; () without an exosystem.  ``period`` in s. ``statements``: what is decided about these numbers.
-    ``states``: where its exosystem's states stand in a simulation, which holds those of all groups of agents side by
-    side."""
+    """A sampled controller with the numbers of its code.  Shapes: Ad (q, q), Cd (p, q), L (q, p), rounded to
+    ``precision``; () without an exosystem.  ``motion`` (m, m), ``push`` (m, p), ``watch`` (p, m): of [dynamics].
+    ``period`` in s. ``statements``: what is decided about these numbers.  ``states``: where its exosystem's states
+    stand in a simulation, which holds those of all groups of agents side by side."""
 
     problem: Problem
     period: Fraction
@@ -185,6 +199,9 @@ class Controller:
     agents: tuple[AgentNumbers, ...]
     statements: tuple[Statement, ...]
     states: range
+    motion: Matrix = ()
+    push: Matrix = ()
+    watch: Matrix = ()
 
     @property
     def q(self) -> int:
@@ -211,12 +228,15 @@ def make_controller(
     if precision not in PRECISIONS:
         cure = "double is the default."
         raise SpecError(f"precision must be double or float; got {shown(precision)}.", key="--precision", cure=cure)
-    W = chosen_gain(problem, gain)
+    if problem.dynamics is not None and problem.dynamics.f is not None:
+        what = "must be linear, with A in place of f: between samples f(x) has no closed form that the code could use."
+        raise wrong("dynamics", what, "Write the code for the agents linearised at the target.")
+    W = chosen_gain(as_integrators(problem), gain)
     if problem.groups and W is None:
         raise SpecError("observer.W must be known to write the observer.", key="observer.W", cure="Give or design W.")
     L = None if sampled_gain is None else matrix(sampled_gain, name="sampled_gain")
     if L is not None:
-        check_sampled_gain(shape(L), q=problem.q, m=problem.m, grouped=problem.is_grouped)
+        check_sampled_gain(shape(L), q=problem.q, m=problem.inputs, grouped=problem.is_grouped)
     asked, chosen = _read_period(period), _chosen(problem, agents)
     numbers = tuple(_numbers(problem, agent) for agent in chosen)
     exosystem, own, states = _observed(problem, W, chosen)
@@ -253,28 +273,41 @@ def _observed(
     place = found.pop()
     before = sum(group.exosystem.order for group in problem.groups[:place])
     exosystem = problem.groups[place].exosystem
-    return exosystem, gains_of(problem.groups, W)[place], range(before, before + exosystem.order)
+    return exosystem, gains_of(as_integrators(problem).groups, W)[place], range(before, before + exosystem.order)
 
 
 def _decided(
     problem: Problem, exosystem: Exosystem | None, W: Matrix | None, L: Matrix | None, period: Fraction, precision: str
 ) -> dict[str, Any]:
     """The rounded matrices of this period, and what is decided about them and about the network."""
-    network = sampled_network_statement(problem, period)
-    if exosystem is None or W is None:
-        return {"Ad": (), "Cd": (), "L": (), "statements": (network,)}
-    A, C = exosystem.A, exosystem.C
-    found = discretise(A, period)
-    wanted = [found.transition, found.mean]
-    if L is None:
-        wanted.append(discretise(subtract(A, multiply(W, C)), period).mean)
-    transition, mean, *error = (tuple(tuple(entry.midpoint for entry in row) for row in each) for each in wanted)
-    L = multiply(scale(period, error[0]), W) if L is None else L
-    Ad, Cd, L = (
-        tuple(tuple(rounded(x, precision) for x in row) for row in each) for each in (transition, multiply(C, mean), L)
-    )
-    statements = (sampled_observer_statement(Ad, Cd, L, period=period), network)
-    return {"Ad": Ad, "Cd": Cd, "L": L, "statements": statements}
+    dynamics, m, p = problem.dynamics, problem.m, problem.inputs
+    moves, B, left = scale(0, identity(m)), identity(m), identity(m)
+    if dynamics is not None and dynamics.A is not None:
+        moves, B, left = dynamics.A, dynamics.B, dynamics.left_inverse
+    A, C = ((), ((),) * p) if exosystem is None or W is None else (exosystem.A, exosystem.C)
+    rows = [a + b + c for a, b, c in zip(moves, B, multiply(B, C) if A else ((),) * m, strict=True)]
+    rows += [(Fraction(0),) * (m + p + len(A))] * p + [(Fraction(0),) * (m + p) + row for row in A]
+    flow = _middle(discretise(tuple(rows), period).transition)  # of x, a held input and xi
+    push = tuple(row[m : m + p] for row in flow[:m])
+    parts = {"motion": subtract(tuple(row[:m] for row in flow[:m]), identity(m)), "push": push}
+    parts["watch"] = watch = multiply(inverse(multiply(left, push)), left)
+    parts |= {"Ad": (), "Cd": (), "L": ()}
+    if A and W is not None:
+        parts["Ad"] = tuple(row[m + p :] for row in flow[m + p :])
+        parts["Cd"] = multiply(watch, tuple(row[m + p :] for row in flow[:m]))
+        W = multiply(W, B)
+        error = discretise(subtract(A, multiply(W, C)), period).mean if L is None else ()
+        parts["L"] = multiply(scale(period, _middle(error)), W) if L is None else L
+    found: dict[str, Any] = {
+        name: tuple(tuple(rounded(x, precision) for x in row) for row in each) for name, each in parts.items()
+    }
+    network = sampled_network_statement(problem, period, *((found["motion"], found["push"]) if dynamics else ()))
+    observer = [sampled_observer_statement(found["Ad"], found["Cd"], found["L"], period=period)] if A else []
+    return found | {"statements": (*observer, network)}
+
+
+def _middle(found: IntervalMatrix) -> Matrix:
+    return tuple(tuple(entry.midpoint for entry in row) for row in found)
 
 
 def _read_period(given: Any) -> Fraction:
@@ -326,11 +359,13 @@ def _numbers(problem: Problem, agent: int) -> AgentNumbers:
             hearings.append(Hearing(neighbour=place, coupling=coupling, weight=arcs.weights[arc]))
         modes.append(tuple(hearings))
     m = problem.m
-    nothing = tuple((Fraction(0),) * m for _ in range(m))
+    nothing = tuple((Fraction(0),) * m for _ in range(problem.inputs))
+    dynamics, goal = problem.dynamics, problem.goal_of(agent)
     return AgentNumbers(
         index=agent,
         label=problem.network.labels[agent],
-        goal=problem.goal_of(agent),
+        goal=goal,
+        rest=None if dynamics is None else dynamics.feedforward(goal),
         gain=problem.pinning.gains.get(agent, nothing),
         neighbours=tuple(neighbours),
         modes=tuple(modes),

@@ -112,9 +112,9 @@ def _limits_text(controller: Controller) -> str:
 def vectors_csv(controller: Controller, recorded: Recorded) -> str:
     """The samples as CSV: time, mode, x, heard values, u, v, dhat; numbers in full double precision."""
     problem, agent = controller.problem, recorded.agent
-    m, neighbours = range(1, problem.m + 1), range(len(agent.neighbours))
+    m, p, neighbours = range(1, problem.m + 1), range(1, problem.inputs + 1), range(len(agent.neighbours))
     head = ["time", "mode", *(f"x{c}" for c in m), *(f"heard{j}_{c}" for j in neighbours for c in m)]
-    head += [f"{name}{c}" for name in ("u", "v", "dhat") for c in m]
+    head += [f"{name}{c}" for name in ("u", "v", "dhat") for c in p]
     lines = [",".join(head)]
     for k in range(len(recorded.x)):
         numbers = [recorded.x[k], recorded.heard[k].ravel(), recorded.u[k], recorded.v[k], recorded.dhat[k]]
@@ -226,6 +226,10 @@ def source_text(controller: Controller) -> str:
         title=comment(problem.name),
         uses_math=algebra.library,
         q=controller.q,
+        plant=problem.dynamics,
+        motion=array(controller.motion, precision),
+        push=array(controller.push, precision),
+        watch=array(controller.watch, precision),
         Ad=array(controller.Ad, precision),
         Cd=array(controller.Cd, precision),
         L=array(controller.L, precision),
@@ -264,7 +268,8 @@ def _config(place: int, agent: AgentNumbers, precision: str) -> str:
     arcs = ", ".join(f"arcs_{place}_{mode}" if hearings else "0" for mode, hearings in enumerate(agent.modes))
     gain = ", ".join(row(each, precision) for each in agent.gain)
     neighbours = f"neighbours_{place}" if agent.neighbours else "0"
-    text = f"    {{{string(agent.label)}, {row(agent.goal, precision)}, {{{gain}}}, {len(agent.neighbours)},"
+    rest = "" if agent.rest is None else f" {row(agent.rest, precision)},"
+    text = f"    {{{string(agent.label)}, {row(agent.goal, precision)}, {{{gain}}},{rest} {len(agent.neighbours)},"
     return text + f" {neighbours}, {{{counts}}}, {{{arcs}}}}}"
 
 
@@ -305,6 +310,7 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
         compile=COMPILE,
         period=f"{float(controller.period):.6g}",
         observes=controller.q > 0,
+        plant=problem.dynamics is not None,
         proved=proved or ["nothing"],
         undecided=undecided,
         certified=certified,

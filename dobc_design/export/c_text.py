@@ -112,12 +112,12 @@ class CAlgebra(Infix):
 
 
 def coupling_function(coupling: Coupling, number: int, algebra: CAlgebra) -> str:
-    """A C function ``coupling_NUMBER(y, h)`` that writes h(y); both have m components."""
+    """A C function ``coupling_NUMBER(y, h)`` that writes h(y) for y with m components."""
     lines = [f"/* h(y) = {comment(', '.join(coupling.texts))} */"]
     y = [Piece(f"y[{c}]", ATOM) for c in range(coupling.dimension)]
     body = [each.text for each in coupling.evaluated(y, algebra)]
     silent = not any(variables_used(each.node) for each in coupling.components)
-    lines += [f"static void coupling_{number}(const dobc_real y[DOBC_COMPONENTS], dobc_real h[DOBC_COMPONENTS])", "{"]
+    lines += [f"static void coupling_{number}(const dobc_real y[DOBC_COMPONENTS], dobc_real h[DOBC_INPUTS])", "{"]
     lines += ["    (void)y;"] if silent else []
     lines += [f"    h[{c}] = {text};" for c, text in enumerate(body)]
     return "\n".join([*lines, "}", ""])

@@ -109,7 +109,7 @@ def sources(controller: Controller, token: str) -> dict[str, str]:
 
 def variables(controller: Controller) -> list[Variable]:
     """The real variables in the order of their numbers: x, y, u, v, dhat, and what is heard of every neighbour."""
-    m, labels, agent = controller.problem.m, controller.problem.network.labels, controller.agents[0]
+    problem, labels, agent = controller.problem, controller.problem.network.labels, controller.agents[0]
     wanted = [
         ("x", "input", "measured state"),
         ("y", "output", "x - goal: the packet for those who listen"),
@@ -118,8 +118,11 @@ def variables(controller: Controller) -> list[Variable]:
         ("dhat", "output", "estimated disturbance"),
     ]
     wanted += [(f"heard[{labels[j]}]", "input", f"packet y of agent {labels[j]}") for j in agent.neighbours]
+    sizes = {name: problem.inputs if name in ("u", "v", "dhat") else problem.m for name, _, _ in wanted}
     rows = [
-        (f"{name}[{c + 1}]" if m > 1 else name, causality, text) for name, causality, text in wanted for c in range(m)
+        (f"{name}[{c + 1}]" if sizes[name] > 1 else name, causality, text)
+        for name, causality, text in wanted
+        for c in range(sizes[name])
     ]
     return [Variable(name, 2 + place, causality, text) for place, (name, causality, text) in enumerate(rows)]
 

@@ -1,6 +1,7 @@
 """The matrices of a problem, with those of its certificate, by name: exact, in NumPy, in SymPy, in LaTeX, for MATLAB.
 
-    A, C, W, P, Q   exosystem, observer gain, Lyapunov matrix, P W       K   pinning gains, (n m, n m)
+    A, C, W, P, Q   exosystem, observer gain, Lyapunov matrix, P W       K   pinning gains, (n p, n m), p = m
+    Ax, B   of agents with [dynamics]: A, or the slopes of f at the target, and B
     L   Laplacian of the weights, (n, n)      Lambda   J + J' - (K + K') at the consensus, where slopes are rational
     xbar   the target, (m, 1)
 
@@ -32,11 +33,12 @@ from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.pencil import Pencil, Place, below, positive
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.arrays import exosystem_arrays, goals
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
 MOST_ROWS = 500  # of a dense matrix
-_LATEX_NAMES = {"xbar": r"\bar{x}", "Lambda": r"\Lambda"}
+_LATEX_NAMES = {"xbar": r"\bar{x}", "Lambda": r"\Lambda", "Ax": "A_x"}
 
 
 def exact_matrices(
@@ -44,7 +46,7 @@ def exact_matrices(
 ) -> dict[str, Matrix]:
     """All matrices by name, as rationals; W, P and Q are those of the problem or certificate, where there are any.
     Raises: SpecError for more than 500 rows."""
-    n, m = problem.n, problem.m
+    n, m, p, dynamics = problem.n, problem.m, problem.inputs, problem.dynamics
     if n * m > MOST_ROWS:
         message = f"dense matrices are written for at most {MOST_ROWS} rows; this problem has {n * m}."
         raise SpecError(message, key="problem", cure="model.arrays has them as SciPy sparse matrices.")
@@ -52,11 +54,13 @@ def exact_matrices(
     exosystem = problem.joint_exosystem  # of several groups: block diagonal, as in certificates
     if exosystem is not None:
         found |= {"A": exosystem.A, "C": exosystem.C}
+    if dynamics is not None:
+        found |= {"Ax": dynamics.about(problem.target)[0], "B": dynamics.B}
     found |= {name: each for name, each in (("W", W), ("P", P), ("Q", Q)) if each is not None}
-    K = [[Fraction(0)] * (n * m) for _ in range(n * m)]
+    K = [[Fraction(0)] * (n * m) for _ in range(n * p)]
     for agent, gain in problem.pinning.gains.items():
-        for c in range(m):
-            K[agent * m + c][agent * m : agent * m + m] = gain[c]
+        for c in range(p):
+            K[agent * p + c][agent * m : agent * m + m] = gain[c]
     found["K"] = tuple(map(tuple, K))
     found["xbar"] = tuple((x,) for x in problem.target)
     ending = {mode: f"_{mode}" if len(problem.network.modes) > 1 else "" for mode in problem.network.modes}
@@ -66,7 +70,7 @@ def exact_matrices(
             L[listener][speaker] -= weight
             L[listener][listener] += weight
         found[f"L{ending[mode]}"] = tuple(map(tuple, L))
-    for mode, pencil in state_theorems(problem).lambdas.items():
+    for mode, pencil in state_theorems(as_integrators(problem)).lambdas.items():
         if isinstance(pencil.constant, SparseSymmetric) and not pencil.deviations:
             found[f"Lambda{ending[mode]}"] = pencil.constant.to_dense()
     return found

@@ -86,8 +86,8 @@ class ErringAlgebra:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recorded:
-    """One agent's samples in the double-precision loop.  Shapes: x, u, v, dhat (S, m), heard (S, neighbours, m), xihat
-    (S, q), modes (S,)."""
+    """One agent's samples in the double-precision loop.  Shapes: x (S, m), u, v, dhat (S, p), heard (S, neighbours, m),
+    xihat (S, q), modes (S,)."""
 
     agent: AgentNumbers
     modes: NDArray[np.int64]
@@ -113,26 +113,34 @@ def _bound(controller: Controller, recorded: Recorded, u: float) -> float:
     own = u * (np.abs(recorded.x) + np.abs(goal) + np.abs(e))  # of e: its input, the goal, the difference
     felt, felt_error = felt_with_error(controller, recorded, e, own, u)
     pull = own @ gain.T + (m + 2) * u * np.abs(e) @ gain.T
+    sized = np.abs(felt) + np.abs(e) @ gain.T + (0.0 if agent.rest is None else np.abs(to_float((agent.rest,))[0]))
     if q == 0:
-        return float(np.max(felt_error + pull + 3 * u * (np.abs(felt) + np.abs(e) @ gain.T)))
+        return float(np.max(felt_error + pull + 3 * u * sized))
     Ad, Cd, L = (np.abs(to_float(each)) for each in (controller.Ad, controller.Cd, controller.L))
     size = np.abs(recorded.xihat) @ Cd.T
-    held = felt_error + pull + (q + 2) * u * size + 3 * u * (np.abs(felt) + np.abs(e) @ gain.T + size)
-    period = float(controller.period)
-    steps = np.abs(np.diff(recorded.x, axis=0))
-    mean = (u * (np.abs(recorded.x[1:]) + np.abs(recorded.x[:-1])) + 3 * u * steps) / period + held[:-1]
-    surprise = np.abs(np.diff(recorded.x, axis=0) / period - recorded.v[:-1] - recorded.dhat[:-1])
-    local = mean + u * (steps / period + np.abs(recorded.v[:-1])) + (q + 2) * u * size[:-1]
+    held = felt_error + pull + (q + 2) * u * size + 3 * u * (sized + size)
+    surprise, local = _innovation(controller, recorded, held, u)
+    local = local + (q + 2) * u * size[:-1]
     estimate = (q + m + 3) * u * (np.abs(recorded.xihat[:-1]) @ Ad.T + surprise @ L.T) + local @ L.T
-    powers = accumulate(repeat(to_float(controller.Ad), len(steps) - 1), np.matmul, initial=np.eye(q))
+    powers = accumulate(repeat(to_float(controller.Ad), len(recorded.x) - 2), np.matmul, initial=np.eye(q))
     carried = sum(map(np.abs, powers), np.zeros((q, q))) @ np.max(estimate, axis=0, initial=0.0)
     return float(np.max(held) + np.max(Cd @ carried))
 
 
+def _innovation(controller: Controller, recorded: Recorded, held: Array, u: float) -> tuple[Array, Array]:
+    """Sizes of what the samples tell beside the expected disturbance, and bounds on the errors, (S - 1, p) each."""
+    motion, push, watch = (to_float(each) for each in (controller.motion, controller.push, controller.watch))
+    x, before, v = recorded.x[1:], recorded.x[:-1], recorded.v[:-1]
+    apart, terms = x - before - before @ motion.T - v @ push.T, np.count_nonzero(motion) + np.count_nonzero(push)
+    moved = np.abs(x) + np.abs(before) @ (np.eye(len(motion)) + np.abs(motion)).T + np.abs(v) @ np.abs(push).T
+    error = held[:-1] @ np.abs(push).T + (terms + 3) * u * moved + (len(motion) + 2) * u * np.abs(apart)
+    return np.abs(apart @ watch.T - recorded.dhat[:-1]), error @ np.abs(watch).T
+
+
 def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: Array, u: float) -> tuple[Array, Array]:
-    """The couplings at every sample with bounds on their errors, (S, m) each; ``own`` bounds the error of e."""
+    """The couplings at every sample with bounds on their errors, (S, p) each; ``own`` bounds the error of e."""
     algebra, couplings = ErringAlgebra(u), controller.problem.couplings
-    total, error, size = (np.zeros_like(e) for _ in range(3))
+    total, error, size = (np.zeros((len(e), controller.problem.inputs)) for _ in range(3))
     for mode, hearings in enumerate(recorded.agent.modes):
         here = recorded.modes == mode
         for arc in hearings:

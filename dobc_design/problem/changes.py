@@ -88,7 +88,8 @@ def _key(name: str) -> str:
 GROUP_GAINS = "exosystem.groups.W"
 #: The key paths that a change may name; some of them only where all agents have one exosystem.
 _OF_ALL = ("exosystem", "exosystem.A", "exosystem.C", "observer", "observer.W", "observer.P", "observer.rate")
-CHANGEABLE = ("target", "pinning.gains", *_OF_ALL, "region.initial_disturbance", "simulation.xi0", GROUP_GAINS)
+_OF_NETWORK = ("target", "coupling.h", "coupling.exceptions", "pinning.gains")
+CHANGEABLE = (*_OF_NETWORK, *_OF_ALL, "region.initial_disturbance", "simulation.xi0", GROUP_GAINS)
 
 
 def gain_changes(problem: Problem, W: Matrix | None) -> dict[str, Any]:
@@ -124,6 +125,9 @@ def changed_problem(problem: Problem, changes: Mapping[str, Any]) -> Problem:
         gone = "observer" in changes and changes["observer"] is None
         given["observer"] = own and (Observer() if gone else replace(problem.observer, **_below("observer", changes)))
     given["target"] = changes.get("target", problem.target)
+    given["coupling"] = changes.get("coupling.h", problem.coupling)
+    if "coupling.exceptions" in changes:
+        given["exceptions"] = changes["coupling.exceptions"]
     given["gains"] = changes.get("pinning.gains", problem.pinning)
     given["simulation"] = replace(problem.simulation, **_below("simulation", changes))
     given["region"] = problem.region and replace(problem.region, **_below("region", changes))

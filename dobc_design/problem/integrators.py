@@ -65,6 +65,11 @@ def as_integrators(problem: Problem) -> Problem:
     return found
 
 
+def observed(problem: Problem) -> tuple[Group, ...]:
+    """The groups whose C is what a gain W of the file acts on: C of the inputs, or B C where W acts on x (p = m)."""
+    return as_integrators(problem).groups if problem.inputs == problem.m else problem.groups
+
+
 def on_states(W: Matrix | None, dynamics: Dynamics) -> Matrix | None:
     """An observer gain of all state components, (q, m), from one of the inputs, (q, p); others stay as they are."""
     if W is None or len(W[0]) == dynamics.dimension:

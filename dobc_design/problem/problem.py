@@ -433,7 +433,7 @@ class Problem(Shown):
     def require_integrators(self, what: str) -> None:
         """Refuse a problem with [dynamics] where ``what`` does not know it.  Raises: SpecError."""
         if self.dynamics is not None:
-            cure = "Use certify, verify, simulate, falsify, sweep, analyse, build_model or to_control, which know it."
+            cure = "Use certify, verify, design, simulate, falsify, sweep, analyse, to_control or to_c, which know it."
             raise about("dynamics", f"{what} is not available yet for agents with dynamics of their own.", cure)
 
     def require_one_exosystem(self) -> None:

@@ -8,6 +8,10 @@ Cd = C (1/T) int_0^T exp(A s) ds, the measured mean (x_(k+1) - x_k)/T - v_k is C
 
 So eps_(k+1) = (Ad - L Cd) eps_k, free of the network as (17) is, and the mean of d - dhat over a period is Cd eps_k.
 L = int_0^T exp((A - W C) s) ds W, unless it is given.  Between samples d - dhat keeps a ripple that shrinks with T.
+
+Agents with linear [dynamics] move by x_(k+1) = Phi x_k + G v_k + N xi_k, exactly, G = int_0^T exp(A_x s) ds B; with
+watch G = I the same holds of watch (x_(k+1) - Phi x_k) - v_k and Cd = watch N.  What N xi_k does beside G Cd xi_k, a
+ripple of higher order in T, is not cancelled.
 """
 
 from __future__ import annotations
@@ -26,20 +30,32 @@ from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, S
 from dobc_design.simulation.stressed import Crew, StressedRuns, sample_instants
 
 
+def flow(loop: Loop, times: float | Array) -> Array:
+    """What so much time (s) adds to x, as a matrix (..., m, 2 m + q) that acts on x, v (which is held) and xi."""
+    m = loop.m
+    block = np.zeros((2 * m + loop.q, 2 * m + loop.q))
+    block[:m, m : 2 * m], block[:m, 2 * m :], block[2 * m :, 2 * m :] = np.eye(m), loop.C, loop.A
+    block[:m, :m] = 0.0 if loop.plant is None else loop.plant.A
+    own = expm(block * np.asarray(times, dtype=np.float64)[..., None, None])[..., :m, :]
+    return np.asarray(own - np.eye(m, len(block)))
+
+
+def flown(added: Array, x: Array, v: Array, xi: Array) -> Array:
+    """x (n, m, R) after that time."""
+    return np.asarray(x + act(added, np.concatenate([x, v, xi], axis=1)))
+
+
 def discretised(loop: Loop, period: float, gain: Array | None = None) -> tuple[Array, Array, Array]:
-    """Ad (q, q), Cd (m, q) and L (q, m), or (n, q, m), for ``period`` in s.  Raises: ShapeError for a wrong gain,
-    SpecError for agents with [dynamics]."""
-    if loop.plant is not None:
-        what = "is not known for agents with [dynamics]: between samples they move by A, too."
-        raise wrong(
-            "stress.period", what, "Leave the period out; `exchange` gives the time between exchanges of states."
-        )
+    """watch (p, m), Cd (p, q) and L (q, p), or (n, q, p), for ``period`` in s.  Raises: ShapeError for a wrong gain."""
+    added = flow(loop, period)
+    B = np.eye(loop.m) if loop.plant is None else loop.plant.B
     if gain is None:
-        gain = integral(loop.F, period)[1] @ loop.W
+        gain = integral(loop.F, period)[1] @ loop.W @ B
     else:
-        check_sampled_gain(gain.shape, q=loop.q, m=loop.m, grouped=loop.own is not None)
-    transition, total = integral(loop.A, period)
-    return transition, loop.C @ (total / period), gain
+        check_sampled_gain(gain.shape, q=loop.q, m=B.shape[1], grouped=loop.own is not None)
+    left = np.linalg.pinv(B)
+    watch = np.linalg.solve(left @ added[:, loop.m : 2 * loop.m] @ B, left)
+    return watch, watch @ added[:, 2 * loop.m :], gain
 
 
 def check_sampled_gain(shape: tuple[int, ...], *, q: int, m: int, grouped: bool) -> None:
@@ -83,7 +99,14 @@ class Stepper:
         self.instants = sample_instants(self.period, runs.setting.horizon)
         self.owner = np.searchsorted(self.instants, self.times, side="right") - 1
         gain = runs.stress.sampled_gain
-        self.Ad, self.Cd, self.L = discretised(self.loop, self.period, None if gain is None else np.asarray(gain))
+        if self.loop.plant is not None and (self.loop.bend is not None or runs.stress.disturbance):
+            what = "is not known for agents with [dynamics] and f, or a disturbance besides d: there is no closed form."
+            cure = "Leave the period out; `exchange` gives the time between exchanges of states."
+            raise wrong("stress.period", what, cure)
+        self.flow = flow(self.loop, self.period)
+        own = None if gain is None else np.asarray(gain)
+        self.watch, self.Cd, self.L = discretised(self.loop, self.period, own)
+        self.Ad = integral(self.loop.A, self.period)[0]
         self.x, self.xi, self.xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))
         self.crew = Crew(runs, self.instants, keep=False)
         self.goal = self.loop.goal[..., None]
@@ -98,26 +121,27 @@ class Stepper:
 
     def run(self) -> tuple[IndexArray, dict[int, str]]:
         """How many samples each run reached, (R,), and why some ended early.  Raises: SpecError for too many."""
-        transition, mean = integral(self.loop.A, self.times - self.instants[self.owner])
+        since, plant = self.times - self.instants[self.owner], self.loop.plant
+        transition, added = integral(self.loop.A, since)[0], flow(self.loop, since)
         done = 0
         for k, instant in enumerate(self.instants.tolist()):
             measured, felt, u, dhat = self.compute(k, instant)
-            held, last = felt + u, int(np.searchsorted(self.owner, k, side="right"))
+            held = felt + (u if plant is None else act(plant.B, u))
+            last = int(np.searchsorted(self.owner, k, side="right"))
             for s in range(done, last):
                 time = float(self.times[s])
-                drift = act(self.loop.C, act(mean[s], self.xi))
-                x = self.x + (time - instant) * held + drift + self.crew.extra_integral(instant, time)
+                x = flown(added[s], self.x, held, self.xi) + self.crew.extra_integral(instant, time)
                 bad = self.going & ~np.isfinite(x).all(axis=(0, 1))
                 self.end(bad, max(1, done), f"a coupling overflows or is undefined at t = {instant:.6g} s")
                 xi, x = act(transition[s], self.xi), self.x if s == 0 else x
-                d = act(self.loop.C, xi) + self.crew.extra(time)
+                d = act(self.loop.output, xi) + self.crew.extra(time)
                 self.visit(s, {"x": x, "xi": xi, "d": d, "u": u} | self.crew.heeded(self.xihat, dhat))
             done = last
             if k + 1 < len(self.instants):
                 until = float(self.instants[k + 1])
                 self.before, self.held = measured, held
-                drift = self.period * (held + act(self.Cd, self.xi))
-                self.x = self.x + drift + self.crew.extra_integral(until - self.period, until)
+                self.x = flown(self.flow, self.x, held, self.xi)
+                self.x = self.x + self.crew.extra_integral(until - self.period, until)
                 self.xi = act(self.Ad, self.xi)
                 far = self.going & ~(self.size() <= self.farthest)
                 self.end(far, done, f"|e|_inf exceeded {FARTHEST:.0e} times its start at t = {until:.6g} s")
@@ -136,7 +160,8 @@ class Stepper:
             crew.heard.move(mode, self.nearby.groups(mode), k)
         measured = self.x + crew.noise(k)
         if k:
-            innovation = (measured - self.before) / self.period - self.held - act(self.Cd, self.xihat)
+            expected = flown(self.flow, self.before, self.held, np.zeros_like(self.xihat))
+            innovation = act(self.watch, measured - expected) - act(self.Cd, self.xihat)
             self.xihat = act(self.Ad, self.xihat) + act(self.L, innovation)
         e, dhat = measured - self.goal, act(self.Cd, self.xihat)
         crew.fail(instant, e, dhat)

@@ -134,9 +134,9 @@ class Crew:
         return np.asarray(self.stress.disturbance * np.sin(self.stress.frequency * times + self.phase[..., chosen]))
 
     def extra_integral(self, begin: float, end: float) -> Array:
-        """Its integral between two times, (n, m, R)."""
+        """Its integral between two times, (n, m, R), or 0."""
         if not self.stress.disturbance:
-            return np.zeros_like(self.phase)
+            return np.zeros(1)
         if self.signs is not None:
             return self.stress.disturbance * self.signs.integral(begin, end)
         half = (end - begin) / 2

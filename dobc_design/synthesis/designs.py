@@ -9,13 +9,14 @@ from typing import Any, Literal, TypeVar
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import Number
+from dobc_design.problem.integrators import observed
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint.claim import Design, TradeOff, read_design_request
-from dobc_design.synthesis.joint.search import search_design, trade_off_of
+from dobc_design.synthesis.joint.search import search_agents, search_design, trade_off_of
 from dobc_design.synthesis.observer.claim import NoiseLimit, ObserverDesign, SpectralRegion, read_observer_request
 from dobc_design.synthesis.observer.search import search_groups
-from dobc_design.synthesis.pinning.claim import PinningDesign, read_request
+from dobc_design.synthesis.pinning.claim import PinningDesign, check_yes_or_no, read_request
 from dobc_design.synthesis.pinning.search import search_pinning, search_region
 from dobc_design.verdict import Verdict
 
@@ -39,10 +40,13 @@ def _under_guarantee(problem: Problem, found: Found) -> Found:
     return replace(found, verdict=Verdict.UNDECIDED, reason=found.reason + more, statements=(), nearest=None)
 
 
-def _designed(source: Source) -> Problem:
-    problem = load_problem(source)
-    problem.require_integrators("a design")
-    return problem
+def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
+    """``coupling`` is for agents with [dynamics], ``others`` (a limit that is asked for) for those without."""
+    check_yes_or_no(coupling, "coupling", cure="True asks for a coupling, too.")
+    if coupling and problem.dynamics is None:
+        raise SpecError("coupling can be designed for agents with [dynamics] only.", key="coupling")
+    if others:
+        problem.require_integrators("a design with cost, region or conservative, or a trade-off")
 
 
 def design_observer(
@@ -67,13 +71,13 @@ def design_observer(
         >>> dd.design_observer("paper-fixed", noise="3/2").verdict.value
         'refuted'
     """
-    problem = _designed(problem)
+    problem = load_problem(problem)
     if not problem.groups:
         text = "exosystem must be given to design an observer, because it says what W estimates; got none."
         raise SpecError(text, key="exosystem", cure="dobc_design.exosystems has common shapes, constant() among them.")
     rate = problem.joint_observer.rate if rate is None else rate
     request = read_observer_request(rate=rate, region=region, noise=noise, digits=digits, period=period)
-    return search_groups(problem.groups, request)
+    return search_groups(observed(problem), request)
 
 
 @shows_progress
@@ -88,6 +92,7 @@ def design_pinning(
     digits: int = 4,
     region: Number | bool | None = None,
     conservative: bool = False,
+    coupling: bool = False,
     progress: Reports[str] = None,
 ) -> PinningDesign:
     """Design the cheapest pinning gains for a decay rate, and prove what is said of them.
@@ -100,6 +105,8 @@ def design_pinning(
     (default all).  ``cost``: c_i > 0, a number or label -> number, of sum c_i k_i.  ``max_gain`` (1/s): cap of every
     gain, likewise.  ``pins``: at most so many agents, or "fewest".  ``digits`` of the gains, which are rounded up.
     ``progress``: True for a bar, or a function of what is being done.  Gains that the problem has are not looked at.
+    With [dynamics] V = e'(D (x) R)e decides, gains are multiples of the coupling, and ``cost``, ``region`` and
+    ``conservative`` are not known; ``coupling``: h of every arc is designed, too.
     Returns: a PinningDesign: PROVED; REFUTED with the reason; UNDECIDED.  The last two with the nearest request.
     Raises: SpecError for a wrong request, or couplings without a derivative at the consensus.
     Source: theory, sections 4, 5 and 7.
@@ -108,11 +115,14 @@ def design_pinning(
         >>> found.verdict.value, list(found.gains)
         ('proved', ['gateway'])
     """
-    problem = _designed(problem)
+    problem = load_problem(problem)
+    _check(problem, coupling=coupling, others=conservative or cost is not None or region is not None)
     limits = {"allowed": allowed, "cost": cost, "max_gain": max_gain, "pins": pins, "digits": digits}
     limits["conservative"] = conservative
     request = read_request(problem.network.labels, rate=rate, **limits)
     report = report_to(progress)
+    if problem.dynamics is not None:
+        return _under_guarantee(problem, search_agents(problem, request, report, coupling=coupling))
     if region is None:
         return _under_guarantee(problem, search_pinning(problem, request, report))
     report("looking for gains for the whole region")
@@ -131,6 +141,7 @@ def design(
     digits: int = 3,
     reduce: bool = True,
     conservative: bool = False,
+    coupling: bool = False,
     progress: Reports[str] = None,
 ) -> Design:
     """Design observer gain, pinned agents and gains together, so that ``certify`` proves what the problem asks.
@@ -141,17 +152,19 @@ def design(
     that may be pinned.  ``noise``: bound on the H-infinity norm from measurement noise to dhat, or NoiseLimit.
     ``digits`` of W and of the gains: what is certified are the rounded numbers.  ``reduce``: an exosystem with a part
     that C does not see and that does not decay is replaced by its observable part.  ``conservative``:
-    without a [region], gains for V = e'e in place of the true local rate.  ``progress``: as in ``certify``.
+    without a [region], gains for V = e'e in place of the true local rate.  ``coupling``: the coupling of agents with
+    [dynamics] is designed, too; their gains are multiples of it.  ``progress``: as in ``certify``.
     Returns: a Design: PROVED, with ``problem`` and ``certificate``; REFUTED with the reason; UNDECIDED.  The last two
     with the nearest possible request.  Raises: SpecError for a wrong argument.
     Example:
         >>> dd.design("clock-sync", rate="1/20", allowed=["gateway"]).verdict.value
         'proved'
     """
-    problem = _designed(problem)
+    problem = load_problem(problem)
+    _check(problem, coupling=coupling, others=conservative)
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     how: dict[str, Any] = {"digits": digits, "reduce": reduce, "conservative": conservative}
-    request = read_design_request(problem.network.labels, **how, **limits)
+    request = replace(read_design_request(problem.network.labels, **how, **limits), coupling=coupling)
     return _under_guarantee(problem, search_design(problem, request, report_to(progress)))
 
 
@@ -181,6 +194,7 @@ def trade_off(
         >>> dd.trade_off("clock-sync", pins=1, points=3).y_name
         'sum of the gains, 1/s'
     """
-    problem = _designed(problem)
+    problem = load_problem(problem)
+    _check(problem, coupling=False, others=True)
     request = read_design_request(problem.network.labels, pins=pins, max_gain=max_gain, allowed=allowed, digits=digits)
     return trade_off_of(problem, request, curve, design=design, points=points, progress=report_to(progress))

@@ -137,7 +137,7 @@ def test_limited_actuators_and_lost_packets_are_those_of_the_simulation(tmp_path
 def test_a_number_that_is_off_in_the_fifth_digit_fails_the_self_test(tmp_path):
     files = dict(dd.export.to_c("paper-fixed", period="1/50").files)
     source = files["dobc_agent.c"].decode()
-    number = re.search(r"correction\[DOBC_ORDER\]\[DOBC_COMPONENTS\] = \{\n    \{([0-9.]+)\}", source)[1]
+    number = re.search(r"correction\[DOBC_ORDER\]\[DOBC_INPUTS\] = \{\n    \{([0-9.]+)\}", source)[1]
     files["dobc_agent.c"] = source.replace(number, repr(float(number) * 1.0001)).encode()
     done = compile_and_test(write_all(files, tmp_path))
     assert done.returncode == 1

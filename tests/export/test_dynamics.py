@@ -1,17 +1,26 @@
-"""Exports of agents with [dynamics]: python-control gives the simulated loop, the others are refused before writing."""
+"""Exports of agents with [dynamics]: python-control and C give the simulated loop; the others refuse first."""
 
+import ctypes
 import importlib.util
+import zipfile
+from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import control
 import numpy as np
 import pytest
-from dynamic_agents import double_integrators, pendulums, three_states
+from bad_samples import GOOD, Program
+from c_harness import CompiledAgents, compile_and_test, needs_gcc, write_all
+from dynamic_agents import double_integrators, felt, matrices, pendulums, three_states
+from scipy.linalg import block_diag, expm
+from scipy.optimize import brentq
 from typer.testing import CliRunner
 
 import dobc_design as dd
 from dobc_design.cli.main import app
 from dobc_design.errors import SpecError
 from dobc_design.export import python_script, to_control
+from dobc_design.export.c_controller import make_controller
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.integrators import as_integrators
 
@@ -58,32 +67,49 @@ def test_observer_of_one_agent_is_a_linear_system(name):
     assert to_control(PROBLEMS["pendulums"]).observer is None
 
 
-@pytest.mark.parametrize("options", [["--c", "--period", "0.01"], ["--fmu", "--period", "0.01"], ["--sdpa"]])
-def test_sampled_code_and_inequalities_are_refused_before_anything_is_written(options, tmp_path):
+OF_PENDULUMS = [["--c", "--period", "0.01"], ["--fmu", "--period", "0.01"], ["--sdpa"]]
+
+
+@pytest.mark.parametrize("options", OF_PENDULUMS)
+def test_sampled_code_of_f_and_inequalities_are_refused_before_anything_is_written(options, tmp_path):
     """One error that names [dynamics]."""
-    (tmp_path / "carts.toml").write_text(problem_text(PROBLEMS["carts"]), encoding="utf-8")
+    (tmp_path / "own.toml").write_text(problem_text(PROBLEMS["pendulums"]), encoding="utf-8")
     target = tmp_path / "target"
-    result = CliRunner().invoke(app, ["export", str(tmp_path / "carts.toml"), options[0], str(target), *options[1:]])
+    result = CliRunner().invoke(app, ["export", str(tmp_path / "own.toml"), options[0], str(target), *options[1:]])
     assert isinstance(result.exception, SpecError) and result.exception.key == "dynamics"
     assert not target.exists()
 
 
 def test_what_is_not_known_for_dynamics_is_refused(tmp_path):
-    """Designs, the list of matrices, MATLAB, Rocq."""
+    """Curves of designs, MATLAB."""
     problem = PROBLEMS["carts"]
     refused = [
-        lambda: dd.design(problem),
-        lambda: dd.design_observer(problem),
-        lambda: dd.design_pinning(problem, rate=1),
         lambda: dd.trade_off(problem),
-        lambda: dd.export.to_numpy(problem),
-        lambda: dd.export.to_latex(dd.certify(problem)),
         lambda: dd.export.to_mat(problem, tmp_path / "x.mat"),
     ]
     for call in refused:
         with pytest.raises(SpecError, match="not available yet for agents with dynamics"):
             call()
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_matrices_are_those_of_theory(name):
+    """Lambda = J + J' of e' = (I (x) A_x) e + (I (x) B) (h(e) - K e), K (n p, n m)."""
+    problem = PROBLEMS[name]
+    found, data = dd.export.to_numpy(problem), matrices(problem)
+    n, (m, p), e = problem.n, data["B"].shape, 1e-6
+    np.testing.assert_allclose(found["Ax"], data["A"], atol=1e-12)
+    np.testing.assert_array_equal(found["B"], data["B"])
+    units = np.eye(n * m).reshape(-1, n, m)
+    felt_by = np.array([(felt(problem, e * x) - felt(problem, -e * x)).ravel() / (2 * e) for x in units]).T
+    K = np.zeros((n * p, n * m))
+    for i, gain in enumerate(data["K"]):
+        K[i * p : i * p + p, i * m : i * m + m] = gain
+    np.testing.assert_array_equal(found["K"], K)
+    J = np.kron(np.eye(n), data["A"]) + np.kron(np.eye(n), data["B"]) @ (felt_by - K)
+    np.testing.assert_allclose(found["Lambda"], J + J.T, atol=1e-6)
+    assert "A_x" in dd.export.to_latex(dd.certify(problem)) and "Ax" in dd.export.to_sympy(problem)
 
 
 def test_diagnostics_and_searches_are_those_of_the_integrators():
@@ -94,3 +120,159 @@ def test_diagnostics_and_searches_are_those_of_the_integrators():
     lonely = problem.replace(network=dd.Network.from_arcs([], arrow="listens_to", agents=["a", "b", "c"]))
     assert dd.analyse(lonely).graphs[0].unreached == ("b", "c")
     assert not dd.falsify(PROBLEMS["pendulums"], runs=10).suspects
+
+
+def compiled(problem: dd.Problem, folder, period) -> CompiledAgents:
+    files = dd.export.to_c(problem, period=period).files
+    return CompiledAgents(files, folder / str(period).replace("/", "_"), n=problem.n, m=problem.m, p=problem.inputs)
+
+
+def in_c(problem: dd.Problem, run, agents: CompiledAgents, period: float):
+    """x, u, dhat at the multiples of the period, from the start of ``run``: C agents, held inputs, and agents with wind
+    integrated by expm of (x, v, xi)."""
+    data = matrices(problem)
+    A, B, C, S = (data[name] for name in ("A", "B", "C", "S"))
+    m, p = B.shape
+    block = np.zeros((m + p + len(S), m + p + len(S)))
+    block[:m], block[m + p :, m + p :] = np.hstack([A, B, B @ C]), S
+    flow, x, xi, found = expm(block * period), run.x[0], run.xi[0], []
+    for _ in run.times:
+        u, v, dhat = agents(0, x)
+        found.append((x, u, dhat))
+        state = np.hstack([x, v, xi]) @ flow.T
+        x, xi = state[:, :m], state[:, m + p :]
+    return [np.array(part) for part in zip(*found, strict=True)]
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["carts", "plants"])
+def test_agents_in_c_are_the_sampled_loop_and_that_is_the_loop_but_for_its_period(name, tmp_path):
+    """Double integrators, and agents with three states and two inputs, with wind: to rounding at every period; of first
+    order in the period to the loop in continuous time."""
+    problem, apart = PROBLEMS[name], []
+    for period in (1 / 10, 1 / 20, 1 / 40, 1 / 80):
+        times = [k * period for k in range(round(4 / period) + 1)]
+        sampled, free = (
+            dd.simulate(problem, t_final=times[-1], samples=times, stress=stress, seed=2)
+            for stress in (dd.Stress(period=period), None)
+        )
+        found = in_c(problem, sampled, compiled(problem, tmp_path, period), period)
+        for part, wanted in zip(found, (sampled.x, sampled.u, sampled.dhat), strict=True):
+            assert np.abs(part - wanted).max() <= 1e-12 * max(1.0, np.abs(wanted).max())
+        apart.append(np.abs(found[0] - free.x).max())
+    ratios = np.array(apart[:-1]) / apart[1:]
+    assert apart[0] > 1e-3 and 1.7 < ratios[-1] < 2.3, (apart, ratios)
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["carts", "plants", "alone"])
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_code_passes_its_own_vectors_and_claims_what_is_proved(name, precision, tmp_path):
+    """The sampled observer's error is that of theory, exactly; the network is decided near the consensus."""
+    problem = PROBLEMS["carts"].replace(exosystem=None, observer=None, simulation=None)
+    problem = problem if name == "alone" else PROBLEMS[name]
+    code = dd.export.to_c(problem, period="1/20", precision=precision)
+    done = compile_and_test(write_all(code.files, tmp_path))
+    assert done.returncode == 0, done.stdout
+    assert code.tolerance <= (1e-9 if precision == "double" else 1e-1)
+    kinds = {each.kind: each.verdict.value for each in code.statements}
+    assert kinds == {"sampled-network": "proved"} | ({} if name == "alone" else {"sampled": "proved"})
+    told = " ".join(code.files["README.txt"].decode().split())
+    assert "no check `sampling` is for agents with dynamics" in told and "`sampling` covers" not in told
+    assert (b"rest[DOBC_INPUTS]" in code.files["dobc_agent.h"]) and b"DOBC_INPUTS %d" % problem.inputs in code.files[
+        "dobc_agent.h"
+    ]
+
+
+@pytest.mark.parametrize("name", ["carts", "plants"])
+def test_the_longest_period_is_that_of_the_eigenvalues(name):
+    """e_(k+1) = Phi e_k + G (h'(0) e_k - K e_k): proved just below the limit, refused just above; another is named."""
+    problem, data, e = PROBLEMS[name], matrices(PROBLEMS[name]), 1e-6
+    n, (m, p) = problem.n, data["B"].shape
+    felt_by = [
+        (felt(problem, e * x) - felt(problem, -e * x)).ravel() / (2 * e) for x in np.eye(n * m).reshape(-1, n, m)
+    ]
+    pulls = np.array(felt_by).T - block_diag(*data["K"])
+    block = np.zeros((m + p, m + p))
+    block[:m] = np.hstack([data["A"], data["B"]])
+
+    def radius(period: float) -> float:
+        flow = expm(block * period)[:m]
+        return np.abs(
+            np.linalg.eigvals(np.kron(np.eye(n), flow[:, :m]) + np.kron(np.eye(n), flow[:, m:]) @ pulls)
+        ).max()
+
+    limit = brentq(lambda period: radius(period) - 1, 0.05, 2.0)
+    bare = problem.replace(exosystem=None, observer=None, simulation=None)
+    held = make_controller(bare, period=f"{0.999 * limit:.6f}").statements
+    assert [each.verdict.value for each in held] == ["proved"] and "without a disturbance" in held[0].text
+    with pytest.raises(SpecError, match="outside the unit disk") as caught:
+        make_controller(bare, period=f"{1.001 * limit:.6f}")
+    named = float(caught.value.cure.split("--period ")[1].rstrip("."))
+    assert 0.9 * limit < named <= limit
+
+
+def test_the_error_of_the_sampled_observer_obeys_its_matrix():
+    """eps_(k+1) = (Ad - L Cd) eps_k at any states, couplings and inputs."""
+    for name in ("carts", "plants"):
+        problem, period = PROBLEMS[name], 0.25
+        code = dd.export.to_c(problem, period="1/4").controller
+        Ad, Cd, L = (np.array([[float(x) for x in row] for row in each]) for each in (code.Ad, code.Cd, code.L))
+        times = [k * period for k in range(12)]
+        run = dd.simulate(problem, t_final=times[-1], samples=times, stress=dd.Stress(period=period, saturation=0.3))
+        eps = run.xi - run.xihat
+        np.testing.assert_allclose(eps[1:], eps[:-1] @ (Ad - L @ Cd).T, atol=1e-12)
+        assert np.abs(eps[0]).max() > 0.1
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["carts", "plants"])
+def test_missed_samples_are_those_that_the_model_expects(name, tmp_path):
+    """Five states are not measured after the estimate has settled; inputs hardly change."""
+    program = Program(PROBLEMS[name], tmp_path, period="1/50", precision="double")
+
+    def spoil(x, heard, limited, u):
+        x[-GOOD:][:5] = np.nan
+
+    (found,) = program.run([SimpleNamespace(spoil=spoil)])
+    assert found[-1, -1] == 5
+    p = program.p
+    assert np.abs(program.dhat[-GOOD:]).max() > 0.1 and np.abs(found[:, :p] - program.u)[-GOOD:].max() < 1e-4
+
+
+@needs_gcc
+def test_an_fmu_answers_like_the_loop(tmp_path):
+    """Two inputs, three states: u, v and dhat have two components, x and packets three; called as the standard says."""
+    problem, period = PROBLEMS["plants"], 0.05
+    times = [k * period for k in range(41)]
+    run = dd.simulate(problem, t_final=times[-1], samples=times, stress=dd.Stress(period=period), seed=2)
+    with zipfile.ZipFile(dd.export.to_fmu(problem, period="1/20", agent="a").save(tmp_path / "a.fmu")) as archive:
+        archive.extractall(tmp_path)
+    told = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
+    numbers = {each.get("name"): int(each.get("valueReference")) for each in told.find("ModelVariables")}
+    inputs = [f"x[{c}]" for c in (1, 2, 3)] + [f"heard[b][{c}]" for c in (1, 2, 3)]
+    outputs = [f"{name}[{c}]" for name in ("u", "dhat") for c in (1, 2)] + [f"y[{c}]" for c in (1, 2, 3)]
+    library = ctypes.CDLL(str(next(tmp_path.glob("binaries/*/dobc_agent.*"))))
+    make = library.fmi3InstantiateCoSimulation
+    make.restype = ctypes.c_void_p
+    none, no, zero = ctypes.c_void_p(), ctypes.c_bool(False), ctypes.c_size_t(0)
+    token = told.get("instantiationToken").encode()
+    own = ctypes.c_void_p(make(b"a", token, b"", no, no, no, no, none, zero, none, none, none))
+    library.fmi3EnterInitializationMode(own, no, ctypes.c_double(0), ctypes.c_double(0), no, ctypes.c_double(0))
+    flag, last = ctypes.byref(ctypes.c_bool()), ctypes.byref(ctypes.c_double())
+
+    def moved(call, names, values):
+        references, held = (ctypes.c_uint32 * len(names))(*map(numbers.get, names)), (ctypes.c_double * len(names))()
+        held[:] = values
+        size = ctypes.c_size_t(len(names))
+        assert call(own, references, size, held, size) == 0
+        return list(held)
+
+    for k, time in enumerate(times):
+        y = run.x[k] - run.goal
+        moved(library.fmi3SetFloat64, inputs, [*run.x[k, 0], *y[1]])
+        assert library.fmi3DoStep(own, ctypes.c_double(time), ctypes.c_double(period), no, flag, flag, flag, last) == 0
+        found = moved(library.fmi3GetFloat64, outputs, [0.0] * len(outputs))
+        np.testing.assert_allclose(found, [*run.u[k, 0], *run.dhat[k, 0], *y[0]], atol=1e-11)
+    library.fmi3FreeInstance(own)
+    assert np.abs(run.dhat).max() > 0.1

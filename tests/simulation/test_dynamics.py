@@ -102,16 +102,15 @@ def test_switching_runs_and_files(tmp_path):
     )
 
 
-def test_sampling_is_refused_by_its_key():
-    """Between samples such agents move by A: the exact steps of integrators are not theirs."""
-    with pytest.raises(SpecError, match=r"stress\.period is not known for agents with \[dynamics\]"):
-        dd.simulate(PROBLEMS[0], stress=dd.Stress(period=0.1))
-    with pytest.raises(SpecError, match=r"stress\.period"):
-        dd.what_breaks_first(PROBLEMS[0], options=["period"])
+def test_sampling_is_refused_where_there_is_no_closed_form():
+    """f, and disturbances besides d, between samples."""
+    for problem, stress in ((PROBLEMS[2], {}), (PROBLEMS[0], {"disturbance": 0.1})):
+        with pytest.raises(SpecError, match=r"stress\.period is not known for agents with \[dynamics\]"):
+            dd.simulate(problem, stress=dd.Stress(period=0.1, **stress))
 
 
-def test_what_breaks_first_leaves_sampling_out(monkeypatch: pytest.MonkeyPatch):
-    """Of two options the other is tried."""
+@pytest.mark.parametrize("problem", [PROBLEMS[0], PROBLEMS[2]])
+def test_what_breaks_first_leaves_sampling_out_for_f_only(monkeypatch: pytest.MonkeyPatch, problem):
     monkeypatch.setattr("dobc_design.simulation.breaking.OPTIONS", ("saturation", "period"))
-    found = dd.what_breaks_first(PROBLEMS[0], t_final=20)
-    assert [each.option for each in found.sweeps] == ["saturation"]
+    found = dd.what_breaks_first(problem, t_final=20)
+    assert [each.option for each in found.sweeps] == ["saturation", "period"][: 2 - (problem.dynamics.f is not None)]

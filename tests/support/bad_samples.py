@@ -37,10 +37,10 @@ static double next(void)
     return fread(&value, sizeof value, 1, stdin) == 1 ? value : 0;
 }
 
-static void take(dobc_real values[DOBC_COMPONENTS])
+static void take(dobc_real *values, int count)
 {
     int c;
-    for (c = 0; c < DOBC_COMPONENTS; c++) {
+    for (c = 0; c < count; c++) {
         values[c] = (dobc_real)next();
     }
 }
@@ -58,19 +58,19 @@ int main(void)
         for (k = 0; k < samples; k++) {
             dobc_set_mode(&agent, (int)next());
             for (j = 0; j < dobc_agents[place].neighbour_count; j++) {
-                take(values);
+                take(values, DOBC_COMPONENTS);
                 dobc_receive(&agent, j, values);
             }
-            take(values);
+            take(values, DOBC_COMPONENTS);
             dobc_step(&agent, values, &output);
             c = next() > 0;
-            take(values);
+            take(values, DOBC_INPUTS);
             if (c) {
                 dobc_applied(&agent, values);
             }
-            for (c = 0; c < 3 * DOBC_COMPONENTS; c++) {
-                double found = (double)(c < DOBC_COMPONENTS ? output.u
-                                        : c < 2 * DOBC_COMPONENTS ? output.v : output.dhat)[c % DOBC_COMPONENTS];
+            for (c = 0; c < 3 * DOBC_INPUTS; c++) {
+                double found = (double)(c < DOBC_INPUTS ? output.u
+                                        : c < 2 * DOBC_INPUTS ? output.v : output.dhat)[c % DOBC_INPUTS];
                 fwrite(&found, sizeof found, 1, stdout);
             }
             {
@@ -95,7 +95,7 @@ class Program:
         (folder / "harness.c").write_text(HARNESS)
         command = ["gcc", *STRICT, *SANITIZED, "dobc_agent.c", "harness.c", "-o", "harness", "-lm"]
         subprocess.run(command, cwd=folder, check=True, timeout=120)
-        self.folder, self.m = folder, problem.m
+        self.folder, self.m, self.p = folder, problem.m, problem.inputs
         self.place = int(re.search(rb"VECTOR_AGENT (\d+)", self.code.files["vectors.h"])[1])
         self.agent = self.code.controller.agents[self.place]
         rows = list(csv.reader(io.StringIO(self.code.files["vectors.csv"].decode())))[1:]
@@ -105,10 +105,10 @@ class Program:
         end = 2 + self.m * (1 + len(self.agent.neighbours))
         self.mode, self.x = table[:, 1].astype(int), table[:, 2 : 2 + self.m]
         self.heard = table[:, 2 + self.m : end].reshape(len(table), len(self.agent.neighbours), self.m)
-        self.u, self.dhat = (table[:, table.shape[1] - k * self.m :][:, : self.m] for k in (3, 1))
+        self.u, self.dhat = (table[:, table.shape[1] - k * self.p :][:, : self.p] for k in (3, 1))
 
     def run(self, cases: list[Case]) -> list[Any]:
-        """u, v, dhat and the count of skipped inputs of every case, (S, 3 m + 1)."""
+        """u, v, dhat and the count of skipped inputs of every case, (S, 3 p + 1)."""
         given = b"".join(
             np.concatenate([[self.place, len(self.x)], each.ravel()]).tobytes() for each in map(self.rows, cases)
         )

@@ -62,7 +62,7 @@ void settle(int mode, const double *x, const unsigned char *arrived, double limi
         dobc_packet(&agents[i], own[i], y[i]);
     }
     for (i = 0; i < DOBC_AGENTS; i++) {
-        dobc_real applied[DOBC_COMPONENTS];
+        dobc_real applied[DOBC_INPUTS];
         dobc_set_mode(&agents[i], mode);
         for (j = 0; j < dobc_agents[i].neighbour_count; j++) {
             int speaker = find(dobc_agents[i].neighbours[j]);
@@ -71,15 +71,15 @@ void settle(int mode, const double *x, const unsigned char *arrived, double limi
             }
         }
         dobc_step(&agents[i], own[i], &output);
-        for (c = 0; c < DOBC_COMPONENTS; c++) {
+        for (c = 0; c < DOBC_INPUTS; c++) {
             applied[c] = output.u[c];
             if (limit > 0) {
                 applied[c] = applied[c] > (dobc_real)limit ? (dobc_real)limit : applied[c];
                 applied[c] = applied[c] < (dobc_real)-limit ? (dobc_real)-limit : applied[c];
             }
-            u[i * DOBC_COMPONENTS + c] = (double)applied[c];
-            v[i * DOBC_COMPONENTS + c] = (double)(output.felt[c] + applied[c]);
-            dhat[i * DOBC_COMPONENTS + c] = (double)output.dhat[c];
+            u[i * DOBC_INPUTS + c] = (double)applied[c];
+            v[i * DOBC_INPUTS + c] = (double)(output.felt[c] + applied[c]);
+            dhat[i * DOBC_INPUTS + c] = (double)output.dhat[c];
         }
         dobc_applied(&agents[i], applied);
     }
@@ -134,22 +134,22 @@ def compile_and_test(folder: Path, *, library: bool = True) -> subprocess.Comple
 class CompiledAgents:
     """All agents of an export behind one call a sample."""
 
-    def __init__(self, files: Mapping[str, bytes], folder: Path, *, n: int, m: int) -> None:
+    def __init__(self, files: Mapping[str, bytes], folder: Path, *, n: int, m: int, p: int | None = None) -> None:
         write_all(files, folder)
         (folder / "harness.c").write_text(HARNESS)
         command = ["gcc", *STRICT, "-shared", "-fPIC", "dobc_agent.c", "harness.c", "-o", "agents.so", "-lm"]
         done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=120)
         assert done.returncode == 0, done.stderr
         self.library = ctypes.CDLL(str(folder / "agents.so"))
-        self.n, self.m = n, m
+        self.n, self.p = n, p or m
         self.library.start()
 
     def __call__(
         self, mode: int, x: np.ndarray, *, arrived: np.ndarray | None = None, limit: float = 0.0
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """u, v and dhat (n, m) for measured states x (n, m)."""
+        """u, v and dhat (n, p) for measured states x (n, m)."""
         flags = np.ones((self.n, self.n), dtype=np.uint8) if arrived is None else arrived.astype(np.uint8)
-        out = [np.zeros((self.n, self.m)) for _ in range(3)]
+        out = [np.zeros((self.n, self.p)) for _ in range(3)]
         double = ctypes.POINTER(ctypes.c_double)
         given = np.ascontiguousarray(x, dtype=float)
         self.library.settle(

@@ -51,7 +51,7 @@ GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.Li
 def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weighted, float]]:
     """Claims with their rates (1/s), the fastest first."""
     problem = statements.problem
-    tables = {mode: _stiffness(problem, mode) for mode in problem.network.modes}
+    tables = {mode: stiffness(problem, mode) for mode in problem.network.modes}
     if any(table is None for table in tables.values()) or (problem.groups and W is None):
         return
     pairs = {mode: perron(table) for mode, table in tables.items()}
@@ -85,7 +85,7 @@ def _pairs(table: Any, first: Perron | None, rate: float) -> Iterator[Perron | N
 
 def disagreeing(problem: Problem) -> tuple[str, str] | None:
     """Two modes that seem to have no weights in common; None if none of the first ones do."""
-    tables = {mode: _stiffness(problem, mode) for mode in islice(problem.network.modes, COMPARED)}
+    tables = {mode: stiffness(problem, mode) for mode in islice(problem.network.modes, COMPARED)}
     with suppress(*GIVEN_UP):
         for pair in combinations(tables, 2):
             own = {mode: tables[mode] for mode in pair}
@@ -94,7 +94,7 @@ def disagreeing(problem: Problem) -> tuple[str, str] | None:
     return None
 
 
-def _stiffness(problem: Problem, mode: str) -> Any:
+def stiffness(problem: Problem, mode: str) -> Any:
     """M = K - dh/de at the target, (n m, n m) sparse; None where it cannot be had."""
     with np.errstate(all="ignore"), suppress(SpecError):
         jacobian = consensus_jacobian(problem, mode)
@@ -249,7 +249,7 @@ def _height(M: Any, D: Array, rate: float, pair: Perron | None = None) -> tuple[
 
 def network_claim(problem: Problem, rate: float) -> Weighted | None:
     """Weights of the network alone (eps = 0) for a rate (1/s), common to all modes; None if none are seen."""
-    tables = {mode: _stiffness(problem, mode) for mode in problem.network.modes}
+    tables = {mode: stiffness(problem, mode) for mode in problem.network.modes}
     try:
         sigma = (Fraction(0),) * max(1, len(problem.groups))
         return None if any(table is None for table in tables.values()) else _scaled(problem, tables, rate, sigma, None)

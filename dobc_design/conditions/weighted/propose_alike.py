@@ -16,6 +16,7 @@ from dobc_design.conditions.weighted.network import Alike, Network, holds_of_age
 from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals
 from dobc_design.exact.matrix import Matrix, add, multiply, nullspace, scale, subtract, to_float, transpose, zeros
 from dobc_design.problem.problem import Problem
+from dobc_design.solvers import conic
 from dobc_design.solvers.conic import Cone, solve_cones, svec
 from dobc_design.solvers.program import Array
 
@@ -35,7 +36,7 @@ def alike_proposals(problem: Problem, network: Network, W: Matrix | None) -> Ite
         top = 1.0 + float(np.abs(to_float(network.A)).sum()) + strength * float(np.abs(to_float(network.G)).sum())
         if not basis or _found(basis, network, strength, 0.0) is None:
             continue
-        best = bisected(partial(_is_found, basis, network, strength), 0.0, top, steps=BISECTIONS)[0]
+        best = bisected(partial(seems_to_do, basis, network, strength), 0.0, top, steps=BISECTIONS)[0]
         for part in PARTS:
             rate = shorten(part * min(best, slowest), digits=6)
             R, c = _found(basis, network, strength, rate), Fraction(repr(strength))
@@ -46,12 +47,7 @@ def alike_proposals(problem: Problem, network: Network, W: Matrix | None) -> Ite
 def symmetric_basis(G: Matrix) -> tuple[Matrix, ...]:
     """A basis of all symmetric R (m, m) for which R G is symmetric too."""
     m = len(G)
-    units = []
-    for i in range(m):
-        for j in range(i, m):
-            rows = [list(row) for row in zeros(m, m)]
-            rows[i][j] = rows[j][i] = Fraction(1)
-            units.append(tuple(map(tuple, rows)))
+    units = [tuple(tuple(map(Fraction, row)) for row in unit.tolist()) for unit in conic.symmetric_basis(m)]
     skew = [subtract(multiply(R, G), transpose(multiply(R, G))) for R in units]
     conditions = tuple(tuple(each[i][j] for each in skew) for i in range(m) for j in range(i))
     every = nullspace(conditions) if conditions else ((Fraction(1),),)
@@ -74,9 +70,9 @@ def _found(basis: tuple[Matrix, ...], network: Network, strength: float, rate: f
 
     room = 1e-6 * (1 + float(np.abs(A).max()) + rate + strength * float(np.abs(G).max()))
     cones = [
-        _cone(units, -np.eye(m)),
-        _cone([-pulled(each) for each in units], -room * np.eye(m)),
-        _cone([seen.T @ each @ G @ seen for each in units], -1e-9 * (G @ seen).T @ G @ seen),
+        affine_cone(units, -np.eye(m)),
+        affine_cone([-pulled(each) for each in units], -room * np.eye(m)),
+        affine_cone([seen.T @ each @ G @ seen for each in units], -1e-9 * (G @ seen).T @ G @ seen),
     ]
     with suppress(*GIVEN_UP):
         answer = solve_cones(np.array([float(np.trace(each)) for each in units]), cones)
@@ -88,11 +84,12 @@ def _found(basis: tuple[Matrix, ...], network: Network, strength: float, rate: f
     return None
 
 
-def _is_found(basis: tuple[Matrix, ...], network: Network, strength: float, rate: float) -> bool:
+def seems_to_do(basis: tuple[Matrix, ...], network: Network, strength: float, rate: float) -> bool:
+    """Whether there seems to be an R for a network of that strength and that rate (1/s)."""
     return _found(basis, network, strength, rate) is not None
 
 
-def _cone(units: list[Array], right: Array) -> Cone:
+def affine_cone(units: list[Array], right: Array) -> Cone:
     """sum of x_k units_k + right >= 0."""
     even = [(each + each.T) / 2 for each in units]
     return Cone("semidefinite", np.column_stack([-svec(each) for each in even]), svec(right))

@@ -16,13 +16,14 @@
 
 #define TOKEN @TOKEN@
 #define M DOBC_COMPONENTS
+#define P DOBC_INPUTS
 #define HEARD @HEARD@ /* neighbours of this agent */
 /* value references, as in modelDescription.xml */
 #define TIME 0u
 #define MODE 1u
 #define X 2u
 #define Y (X + M)
-#define PACKET (X + 5 * M) /* after x, y, u, v and dhat */
+#define PACKET (X + 2 * M + 3 * P) /* after x, y, u, v and dhat */
 #define END (PACKET + HEARD * M)
 
 typedef struct {
@@ -57,12 +58,19 @@ static void sample(instance_t *own, dobc_agent *agent)
 /* The place of a real variable; 0 for one that is none. */
 static dobc_real *place(instance_t *own, fmi3ValueReference reference)
 {
-    dobc_real *const parts[] = {own->x, own->y, own->output.u, own->output.v, own->output.dhat};
+    dobc_real *const parts[] = {own->output.u, own->output.v, own->output.dhat};
+    const fmi3ValueReference outputs = X + 2 * M;
 
     if (reference < X || reference >= END) {
         return 0;
     }
-    return (reference < PACKET ? parts[(reference - X) / M] : own->packets[(reference - PACKET) / M]) + (reference - X) % M;
+    if (reference < outputs) {
+        return (reference < Y ? own->x : own->y) + (reference - X) % M;
+    }
+    if (reference < PACKET) {
+        return parts[(reference - outputs) / P] + (reference - outputs) % P;
+    }
+    return own->packets[(reference - PACKET) / M] + (reference - PACKET) % M;
 }
 
 FMI3_EXPORT const char *fmi3GetVersion(void)

@@ -41,7 +41,7 @@ class DesignRequest:
     certified rate has to be at least that; None leaves it open.  ``allowed``: agent indices, rising.  ``caps``: the
     largest k_i (1/s) of agents that have one.  ``pins``: at most so many agents, None for as few as it takes.
     ``noise``: bounds on norms of the observer.  ``digits``: significant digits of W and of the gains. ``reduce``: an
-    exosystem that C does not see whole may be replaced by its observable part."""
+    exosystem that C does not see whole may be replaced by its observable part.  ``coupling``: h is designed, too."""
 
     rate: Fraction | None
     allowed: tuple[int, ...]
@@ -51,6 +51,7 @@ class DesignRequest:
     digits: int
     reduce: bool
     conservative: bool = False
+    coupling: bool = False
 
     def limits(self, labels: Sequence[str]) -> Iterator[tuple[str, str]]:
         """Every limit that was set, as the name of the argument and its value in words."""
@@ -70,6 +71,8 @@ class DesignRequest:
             yield "reduce", "the exosystem kept as it is"
         if self.conservative:
             yield "conservative", "V = e'e near the target"
+        if self.coupling:
+            yield "coupling", "a coupling of the design's own"
 
 
 def read_design_request(
@@ -93,11 +96,11 @@ class Design(Answer):
 
     ``verdict``: PROVED, everything that the problem asks is proved for ``problem``, with these rounded numbers, and
     ``certificate`` shows it; REFUTED, nothing can do what was asked, and ``reason`` is the proof in words;
-    UNDECIDED, neither was shown.  ``W`` (q, m), ``P`` (q, q) and ``gains`` (1/s, by label) are exact; ``rate`` (1/s) is
-    the certified rate and ``cost`` the sum of the gains.  ``decisions``: what was chosen and why; ``prices``: what each
-    limit costs, about.  ``observer``: W with what is proved of it.  ``changes``: the keys of the problem file that were
-    set (None: removed).  ``nearest``: the design for the nearest request that was proved possible, where this one was
-    not.
+    UNDECIDED, neither was shown.  ``W`` (q, p), ``P`` (q, q) and ``gains`` (1/s, by label) are exact; ``rate`` (1/s) is
+    the certified rate and ``cost`` the sum of the gains; of agents with [dynamics] these are multiples of the coupling.
+    ``decisions``: what was chosen and why; ``prices``: what each limit costs, about.  ``observer``: W with what is
+    proved of it.  ``changes``: the keys of the problem file that were set (None: removed).  ``nearest``: the design for
+    the nearest request that was proved possible, where this one was not.
     """
 
     request: DesignRequest
@@ -141,6 +144,7 @@ class Design(Answer):
             "W": None if self.W is None else matrix_text(self.W),
             "P": None if self.P is None else matrix_text(self.P),
             "gains": {label: number_text(k) for label, k in self.gains.items()},
+            **({"coupling": self.changes["coupling.h"]} if "coupling.h" in self.changes else {}),
             "rate": self.rate,
             "cost": None if self.cost is None else float_above(self.cost),
             "reason": self.reason,

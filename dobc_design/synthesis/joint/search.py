@@ -27,13 +27,16 @@ from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import counted, shown
 from dobc_design.problem.changes import changed_problem, gain_changes, typed_matrix, typed_number, value_text
+from dobc_design.problem.dynamics import Dynamics
+from dobc_design.problem.integrators import observed
 from dobc_design.problem.problem import Problem
+from dobc_design.synthesis.joint import agents
 from dobc_design.synthesis.joint.claim import AXES, Design, DesignRequest, TradeOff, TradePoint
 from dobc_design.synthesis.observer.claim import ObserverDesign, ObserverRequest
 from dobc_design.synthesis.observer.decide import reduced_exosystem
 from dobc_design.synthesis.observer.search import search_groups
 from dobc_design.synthesis.pinning.claim import FEWEST, Gains, PinningDesign, PinningRequest, Structure, typed_gains
-from dobc_design.synthesis.pinning.decide import structural_obstacle, structure_of, too_fast
+from dobc_design.synthesis.pinning.decide import structure_of, too_fast
 from dobc_design.synthesis.pinning.propose import slow_directions
 from dobc_design.synthesis.pinning.propose_regions import RegionGains, RegionSearch
 from dobc_design.synthesis.pinning.search import search_pinning, with_lacking
@@ -129,6 +132,7 @@ class Proposal:
     aim: float
     prices: tuple[str, ...]
     by: str = ""  # what proves the rate near the consensus, in words
+    changes: Mapping[str, Any] = field(default_factory=dict)  # of a problem with [dynamics]
 
 
 def search_design(problem: Problem, request: DesignRequest, progress: Progress) -> Design:
@@ -167,8 +171,8 @@ def _attempt(
     structure = structure_of(bare, request.allowed)
     own: dict[str, Any] = {"changes": changes, "decisions": decisions, "structure": structure, "part": part}
     ground = Ground(problem=bare, request=request, progress=progress, **own)
-    obstacle = obstacle or structural_obstacle(bare, request.pins, structure)
-    if obstacle is None and request.rate is not None:
+    obstacle = obstacle or agents.obstacle(bare, request, structure)
+    if obstacle is None and request.rate is not None and bare.dynamics is None:
         limits: dict[str, Any] = {"allowed": request.allowed, "caps": request.caps, "pins": request.pins}
         obstacle = too_fast(bare, request.rate, **limits, propose=slow_directions)
     if obstacle is not None:
@@ -215,9 +219,10 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
     W, said = (None, []) if proposal.observer is None else (proposal.observer.W, observer_words(proposal.observer))
     fixed = request.pins is not None and len(proposal.pinned) >= request.pins
     said.append(pins_words(problem, ground.structure, sorted(proposal.gains), fixed=fixed))
-    part = None if request.rate else ground.part
+    part = None if request.rate or problem.dynamics is not None else ground.part
     said.append(gains_words(problem, proposal.gains, digits=request.digits, part=part) + proposal.by)
     wanted: dict[str, Any] = {"pinning.gains": {label: typed_number(k) for label, k in gains.items()}}
+    wanted |= proposal.changes
     if W is not None:
         wanted |= gain_changes(problem, W)
     designed = changed_problem(problem, wanted)
@@ -244,7 +249,7 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         rate=proof.rate,
         cost=sum(gains.values(), Fraction(0)),
         decisions=(*ground.decisions, *said, f"Proved by: {proof.covered_by or 'nothing yet'}.{whole}"),
-        prices=proposal.prices,
+        prices=agents.prices(designed, proof.rate) if problem.dynamics and proof.rate else proposal.prices,
         changes={**ground.changes, **wanted},
         problem=designed,
         certificate=proof,
@@ -297,7 +302,7 @@ def _tightened(asked: DesignRequest, found: Design) -> Design:
 def observer_at(problem: Problem, request: DesignRequest, rate: Fraction | None) -> ObserverDesign:
     """A W for every group within the request's bounds on noise; without a ``rate`` (1/s) for that of the file."""
     rate = problem.joint_observer.rate if rate is None else rate
-    return search_groups(problem.groups, ObserverRequest(rate=rate, noise=request.noise, digits=request.digits))
+    return search_groups(observed(problem), ObserverRequest(rate=rate, noise=request.noise, digits=request.digits))
 
 
 def _pace(observer: ObserverDesign) -> Fraction:
@@ -320,6 +325,9 @@ def region_search(problem: Problem, observer: ObserverDesign | None) -> RegionSe
 def of_region(ground: Ground) -> Iterator[Proposal]:
     """Pins and gains with which max-separable rows cover the region; without one those near the consensus."""
     problem, request = ground.problem, ground.request
+    if problem.dynamics is not None:
+        yield from of_agents(ground, problem.dynamics)
+        return
     if problem.region is None or not acts_by_component(problem):
         yield from of_consensus(ground)
         return
@@ -340,6 +348,45 @@ def of_region(ground: Ground) -> Iterator[Proposal]:
             observers = iter(every[next(place for place, rate in enumerate(reached) if rate >= least) :])
         for observer in observers:
             yield from _over_region(ground, observer, search_with(observer), pinned)
+
+
+def of_agents(ground: Ground, dynamics: Dynamics) -> Iterator[Proposal]:
+    """Gains, and on request the coupling, of agents with [dynamics]."""
+    request = ground.request
+
+    def networks(alone: Problem, rate: float | None, pins: Iterable[int]) -> Iterator[Gains]:
+        speed = None if rate is None else claimed(shorten(rate, digits=6))
+        asked = replace(request, rate=speed, noise=(), coupling=False, allowed=tuple(pins) or request.allowed)
+        return (each.gains for each in of_consensus(replace(ground, problem=alone, request=asked, observers=[None])))
+
+    observer = next(ground.every_observer())
+    for gains, changes in agents.designs(ground.problem, dynamics, request, networks):
+        by = f" Coupling: h = {value_text(changes['coupling.h'])}." if "coupling.h" in changes else ""
+        own: dict[str, Any] = {"gains": gains, "pinned": tuple(gains), "changes": changes, "by": by}
+        yield Proposal(observer=observer, aim=0.0, prices=(), **own)
+
+
+def search_agents(problem: Problem, request: PinningRequest, progress: Progress, *, coupling: bool) -> PinningDesign:
+    """``design_pinning`` for agents with [dynamics]: as a whole design without a disturbance."""
+    own: dict[str, Any] = {"rate": request.rate, "caps": request.caps, "digits": request.digits, "reduce": False}
+    own |= {"pins": request.pins if isinstance(request.pins, int) else None, "noise": (), "coupling": coupling}
+    alone = problem.replace(exosystem=None, observer=None, groups=None, region=None, simulation=None)
+
+    def read(found: Design) -> PinningDesign:
+        return PinningDesign(
+            verdict=found.verdict,
+            request=replace(request, rate=found.request.rate or request.rate, allowed=found.request.allowed),
+            gains=found.gains,
+            rate=found.request.rate if found.gains else None,
+            cost=found.cost,
+            prices=found.prices,
+            problem=changed_problem(problem, found.changes) if found.gains else None,
+            nearest=None if found.nearest is None else read(found.nearest),
+            statements=found.statements,
+            reason=f"{found.reason} {' '.join(found.decisions)}".strip(),
+        )
+
+    return read(search_design(alone, DesignRequest(**own, allowed=request.allowed), progress))
 
 
 def _over_region(
@@ -499,7 +546,8 @@ def gains_words(problem: Problem, gains: Gains, *, digits: int, part: Fraction |
     more = f" and {len(gains) - SHOWN} more" if len(gains) > SHOWN else ""
     total = f", in total {typed_number(sum(gains.values(), Fraction(0)))}" if len(gains) > 1 else ""
     aim = "" if part is None else f" They are meant for {float(part):.0%} of the fastest rate that pins there allow."
-    return f"Gains: {each}{more}{total} (1/s), rounded up to {counted(digits, 'digit')}.{aim}"
+    unit = "(1/s)" if problem.dynamics is None else "(times the coupling)"
+    return f"Gains: {each}{more}{total} {unit}, rounded up to {counted(digits, 'digit')}.{aim}"
 
 
 def price_words(problem: Problem, found: RegionGains, allowed: Sequence[int], caps: Gains) -> Iterator[str]:

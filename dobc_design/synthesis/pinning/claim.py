@@ -202,7 +202,8 @@ class PinningDesign(Answer):
     @property
     def method(self) -> str:
         """What proves the rate: "consensus" (V = e'e), "weighted" (V = e'De) or, over a region, "max-separable"."""
-        near = "consensus" if self.weights is None else "weighted"
+        agents = self.problem is not None and self.problem.dynamics is not None
+        near = "weighted" if self.weights is not None or agents else "consensus"
         return near if self.radius is None else "max-separable"
 
     def __str__(self) -> str:

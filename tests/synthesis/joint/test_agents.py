@@ -1,0 +1,178 @@
+"""Designs for agents with [dynamics]: what is designed is certified; eigenvalues are the oracle of what is too weak."""
+
+import json
+import re
+from fractions import Fraction
+from random import Random
+
+import numpy as np
+import pytest
+from linear_agents import DOUBLE, loop_matrix
+
+import dobc_design as dd
+from dobc_design import Dynamics, Exosystem, Network, Problem, Verdict
+from dobc_design.errors import SpecError
+
+WIND = Exosystem(A=[[0, 3, 0], [-3, 0, 0], [0, 0, 0]], C=[[1, 0, 1]])
+POLES = Dynamics(A=[[0, 1], ["1/2", 0]], B=[[0], [1]])  # unstable: each falls over by itself
+PLANE = Dynamics(A=[[0, 0, 1, 0], [0, 0, 0, 1], [0, 0, 0, 0], [0, 0, 0, 0]], B=[[0, 0], [0, 0], [1, 0], [0, 1]])
+STILL = Dynamics(A=[[0, 1], ["-1/4", 0]], B=[[2, 0], [1, 1]])  # as many inputs as states
+
+
+def digraph(n: int, seed: str = "", modes: int = 1) -> Network:
+    """Agent 1 is heard by everyone, over random arcs in every mode."""
+    r = Random(f"design {n} {seed}")
+    found = {}
+    for mode in range(modes):
+        arcs = {(i, r.randint(1, i - 1)) for i in range(2, n + 1)}
+        arcs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.2}
+        found[f"G{mode}"] = [list(each) for each in sorted(arcs)]
+    return Network.from_arcs(found, arrow="listens_to", agents=n)
+
+
+def agents(n: int = 4, dynamics: Dynamics = DOUBLE, **given) -> Problem:
+    names = [f"y{c + 1}" for c in range(dynamics.dimension)]
+    one = {1: " + ".join(names), 2: ["y1 + 2*y3", "y2 + 2*y4"]}[dynamics.inputs] if dynamics is not STILL else "y"
+    target = [0] * dynamics.dimension
+    return Problem(**{"network": digraph(n), "coupling": one, "dynamics": dynamics, "target": target} | given)
+
+
+def checked(found: dd.Design, rate) -> None:
+    """Both programs accept the certificate of a proved design, and eigenvalues are as fast as claimed."""
+    assert found.verdict is Verdict.PROVED, found
+    again = dd.verify(found.certificate, found.problem)
+    assert again.holds and again.lone_checker == "it accepts every claim", again.failures
+    id = "theorem1-weighted" if len(found.problem.network.modes) == 1 else "theorem2-weighted"
+    check = found.certificate.check(id)
+    assert check.verdict is Verdict.PROVED and check.rate >= rate
+    assert found.problem.m == 1 or set(check.exact) == {"D", "w", "c", "R"}
+    if len(found.problem.network.modes) == 1:
+        loop = loop_matrix(found.problem, found.certificate.claims.W)
+        assert np.linalg.eigvals(loop).real.max() <= -check.rate
+
+
+def weaker(found: dd.Design, part: float) -> Problem:
+    """The same with less coupling; gains are multiples of it."""
+    p, k = found.problem, Fraction(part)
+    texts = [f"({k})*({h})" for h in p.coupling.texts]
+    gains = {p.network.labels[i]: [[k * x for x in row] for row in gain] for i, gain in p.pinning.gains.items()}
+    return p.replace(coupling=texts if len(texts) > 1 else texts[0], gains=gains)
+
+
+@pytest.mark.parametrize("n", range(4, 13))
+@pytest.mark.parametrize("coupling", [False, True])
+def test_double_integrators_on_random_digraphs_are_proved_with_what_is_designed(n, coupling):
+    problem, rate = agents(n, exosystem=WIND), 0.3 if coupling else 0.05
+    checked(dd.design(problem, rate=str(rate), coupling=coupling), rate)
+
+
+@pytest.mark.parametrize("dynamics", [POLES, PLANE, STILL], ids=["poles", "plane", "still"])
+def test_couplings_are_designed_for_other_agents_and_are_hardly_stronger_than_eigenvalues_allow(dynamics):
+    """Just below the part that the eigenvalues name, the loop is slower than asked; `certify` does not prove it."""
+    found = dd.design(agents(5, dynamics), rate="1/4", coupling=True)
+    checked(found, 0.25)
+    part = float(found.prices[0].split("nothing, ")[1].split(" ")[0])
+    assert 0.9 < part <= 1
+    slow = dd.certify(weaker(found, 0.95 * part))
+    assert (slow.rate or 0) < 0.25
+    if dynamics is POLES:
+        assert dd.certify(weaker(found, 0.02)).verdict is Verdict.REFUTED
+
+
+def test_modes_share_pins_and_coupling():
+    checked(dd.design(agents(network=digraph(4, modes=2), exosystem=WIND), coupling=True), 0.0)
+
+
+@pytest.mark.parametrize(("slopes", "least"), [((1, 2), 1 / 4), ((1, 1), 1), ((3, 2), 3 / 4)])
+def test_gains_give_the_network_the_strength_that_the_coupling_is_known_to_need(slopes, least):
+    """p'' = -a M p - b M p' has an R iff c b^2 > a; one agent alone has M = c = k."""
+    a, b = slopes
+    alone = Network.from_arcs([], arrow="listens_to", agents=[1])
+    found = dd.design_pinning(agents(network=alone, coupling=f"{a}*y1 + {b}*y2"), rate="1/1000")
+    assert 1 < float(found.gains["1"]) / least < 1.1
+
+
+def test_pinning_alone_says_what_the_whole_design_says():
+    for coupling in (False, True):
+        found = dd.design_pinning(agents(exosystem=WIND), rate="1/20", allowed=[1, 2, 3, 4], coupling=coupling)
+        assert found.verdict is Verdict.PROVED and found.rate == Fraction(1, 20)
+        certificate = dd.certify(found.problem)
+        assert certificate.check("theorem1-weighted").verdict is Verdict.PROVED
+        assert found.cost == sum(found.gains.values())
+    too_much = dd.design_pinning(agents(), rate=1)  # s^2 + b s + a with b^2 > a/c: the slow root stays below a/b
+    assert too_much.verdict is Verdict.UNDECIDED
+
+
+CASES = {  # A of y1 + y2 with B = (0, 1), the rate: the verdict, what is said
+    "drifts": ([[0, 0], [0, -1]], None, "refuted", "mode s = 0 .*an error in it does not decay"),
+    "falls": ([[-1, 0], [0, 0]], None, "proved", ""),
+    "falls slowly": ([[-1, 0], [0, 0]], 2, "refuted", "mode s = -1 .*decays no faster, and 2 1/s are asked"),
+    "as fast": ([[-1, 0], [0, 0]], 1, "undecided", "mode s = -1 "),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_modes_that_no_input_reaches(name):
+    A, rate, verdict, words = CASES[name]
+    found = dd.design(agents(2, Dynamics(A=A, B=[[0], [1]])), rate=rate)
+    assert found.verdict.value == verdict
+    assert re.search(words, found.reason)
+
+
+def test_what_no_pin_reaches():
+    """Double integrators drift; agents that fall by themselves need no pin, so nothing is refuted."""
+    star = Network.from_arcs([[2, 1], [3, 1]], arrow="listens_to", agents=3)
+    assert dd.design(agents(3, network=star), allowed=[2, 3]).verdict is Verdict.REFUTED
+    calm = agents(3, Dynamics(A=[[-1, 0], [0, -1]], B=[[0], [1]]), network=star)
+    assert dd.design(calm, allowed=[2, 3]).verdict is Verdict.UNDECIDED
+
+
+def test_a_coupling_that_is_not_one_matrix_leaves_the_request_open_and_names_the_cure():
+    problem = agents(2, coupling="y1 + y2", exceptions={(1, 0): "y1 + 3*y2"})
+    found = dd.design(problem)
+    assert found.verdict is Verdict.UNDECIDED and "--coupling" in found.reason
+    designed = dd.design(problem, coupling=True)
+    checked(designed, 0.0)
+    assert not designed.problem.exceptions
+
+
+def test_wrong_arguments():
+    calls = {
+        "cost": lambda: dd.design_pinning(agents(), rate=1, cost=2),
+        "a region": lambda: dd.design_pinning(agents(), rate=1, region=1),
+        "V = e'e": lambda: dd.design(agents(), conservative=True),
+        "integrators": lambda: dd.design("clock-sync", coupling=True),
+        "not a truth value": lambda: dd.design(agents(), coupling=1),
+    }
+    for name, call in calls.items():
+        with pytest.raises(SpecError):
+            call()
+            pytest.fail(name)
+
+
+def test_with_as_many_inputs_as_states_gains_of_the_observer_act_on_x():
+    """W of the file then acts on x, and the error of the estimate obeys A - W B C; B = -1 turns a sign."""
+    for dynamics in (STILL, Dynamics(A=[[1]], B=[[-1]])):
+        one = [[1]] * dynamics.inputs
+        problem = agents(3, dynamics, exosystem=Exosystem(A=[[0]], C=one), coupling="y")
+        checked(dd.design(problem, rate="1/4", coupling=True), 0.25)
+        (W,), B = dd.design_observer(problem, rate=1).W, np.array(dynamics.B, dtype=float)
+        assert -np.array(W, dtype=float) @ B @ np.array(one) <= -1
+
+
+def test_observers_are_designed_for_the_inputs():
+    problem = agents(exosystem=WIND, gains={1: 4}, coupling="y1 + 3*y2")
+    found = dd.design_observer(problem, rate=1)
+    assert found.verdict is Verdict.PROVED and len(found.W[0]) == 1
+    seen = problem.replace(observer=dd.Observer(W=found.W))
+    assert dd.certify(seen).check("hurwitz").verdict is Verdict.PROVED
+
+
+def test_the_command_writes_a_file_that_certify_proves(command_line, tmp_path):
+    code, out, _ = command_line("design", "platoon", "--coupling", "--rate", "0.4", "--out", "new.toml", "--json")
+    document = json.loads(out)
+    assert code == 0 and document["problem"] == "new.toml" and document["rate"] >= 0.4
+    again = dd.load_problem(tmp_path / "new.toml")
+    assert again.coupling.texts == (document["coupling"],) and document["gains"].keys() == {"truck-1"}
+    code, out, _ = command_line("certify", "new.toml", "--no-report", "--json")
+    assert code == 0 and json.loads(out)["rate"] == document["rate"]

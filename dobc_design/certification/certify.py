@@ -190,7 +190,7 @@ def region_checks(
     known = any(covers(problem, check, checks) for check in checks)
     if problem.region is None and not known:
         known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
-        if not (known or everything or domain == "global") and len(problem.network.modes) > 1:
+        if not (known or everything or domain == "global") and problem.network.switches:
             asked = read_region(problem, W, domain=domain, everything=False)
             asked = replace(asked, radius=NEAR, disturbance=NEAR * (W is not None))
             found = separable_stage(asked, report)
@@ -318,7 +318,7 @@ class _Run:
     ) -> tuple[list[Check], Pair | None, str]:
         """The printed P where there is one, then the theorem with a P of our own; how that came about."""
         problem, checks = self.problem, []
-        name = "theorem1" if len(problem.network.modes) == 1 else "theorem2"
+        name = "theorem2" if problem.network.switches else "theorem1"
         check = partial(consensus.theorem_check, statements=self.statements, exosystem=exosystem, lemmas=lemmas)
         own = problem.joint_observer
         if own.P is not None and own.W is not None:
@@ -416,6 +416,10 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
         (
             len(problem.network.modes) > 1 and not phases_of(problem) and generator_of(problem) is None,
             "The modes may switch in any way, so one V has to serve them all.",
+        ),
+        (
+            loose := [name for name, arcs in problem.network.modes.items() if arcs.optional],
+            f"The optional arcs of mode {', '.join(loose)} may come and go at any time, also while the mode lasts.",
         ),
         (linear, "Every coupling is exactly linear: what holds near the target holds everywhere."),
         (problem.exceptions, f"{len(problem.exceptions)} arc(s) have a coupling of their own."),

@@ -91,10 +91,10 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
 
 def _apart_reason(problem: Problem) -> str | None:
     """Agents that nothing pulls to the target, always or in a cycle of modes, if the region lets them start so."""
-    labels, modes, phases = problem.network.labels, problem.network.modes, phases_of(problem)
+    labels, phases = problem.network.labels, phases_of(problem)
     if problem.node is not None:  # what no gain and no slope of f acts on, f itself may still pull: x' = -x**3
         return None
-    for cycle in (tuple(modes), *(cycles_of(phases) if len(phases) <= MOST_PHASES else ())):
+    for cycle in ((), *(cycles_of(phases) if len(phases) <= MOST_PHASES else ())):
         reason = _apart_in(problem, cycle, labels)
         if reason is not None:
             return reason
@@ -102,8 +102,10 @@ def _apart_reason(problem: Problem) -> str | None:
 
 
 def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> str | None:
-    """The same for these modes."""
-    arcs, whole = [problem.network.modes[mode] for mode in cycle], len(cycle) == len(problem.network.modes)
+    """The same for these modes, or for all with every arc there; what an allowed signal may leave out is left out."""
+    modes = problem.network.modes
+    arcs, whole = [modes[mode] for mode in cycle], len(cycle) in (0, len(modes))
+    arcs = arcs or [each.present for each in modes.values()]
     apart = unreached(problem, arcs)
     for group, free in unheld_groups(problem, arcs):
         c = _start_apart(problem, group, free)
@@ -111,12 +113,13 @@ def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> 
             continue
         if set(group) <= set(apart):
             who, them = name_agents(tuple(labels[i] for i in apart)), "it" if len(apart) == 1 else "them"
-            pins = f"no pinned agent reaches {who}, in any mode, so nothing pulls {them}"
+            sure = " by arcs that are always there" if any(each.optional for each in arcs) else ""
+            pins = f"no pinned agent reaches {who}{sure}"
             if not whole:
                 turns = f"mode {cycle[0]} stays" if len(cycle) == 1 else f"modes {' and '.join(cycle)} are"
-                pins = (
-                    f"while {turns} on, as the guarantee allows, no pinned agent reaches {who}, so nothing pulls {them}"
-                )
+                pins = f"while {turns} on, as the guarantee allows, {pins}, so nothing pulls {them}"
+            else:
+                pins += f", in any mode, so nothing pulls {them}"
             if not problem.pinning.agents:
                 pins = f"no agent is pinned, so nothing pulls {who}"
             return f"Consensus fails: {pins} to the target. {cure_in_words(problem, arcs)}"
@@ -162,7 +165,7 @@ def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
     if not tried:
         return None
     if tried[0].verdict is Verdict.REFUTED and not proved:
-        signals = " Consensus may still hold for some signals." if len(problem.network.modes) > 1 else ""
+        signals = " Consensus may still hold for some signals." if problem.network.switches else ""
         return f"Undecided: {tried[0].reason}{signals} More pinned agents would help."
     near = proved or any(check.kind.is_consensus and check.verdict is Verdict.PROVED for check in checks)
     smaller = "a smaller [region], larger gains or more pinned agents" if near else "more pinned agents, larger gains"
@@ -187,8 +190,11 @@ def _domain_in_words(check: Check) -> str:
 def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
     unmet = [check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED]
     somewhere = any(check.kind.role == "region" and check.verdict is Verdict.PROVED for check in checks)
-    if unmet and len(problem.network.modes) > 1 and not somewhere:
+    if unmet and problem.network.switches and not somewhere:
         text = f"Undecided: in mode {unmet[0].mode} {unmet[0].reason}"
+        if problem.network.modes[str(unmet[0].mode)].optional:
+            text += " An arc that is always there would help as well: in this mode or, with a guarantee in [switching]"
+            return text + ' on time (such as "dwell"), in another one that comes often enough.'
         return text + " Consensus may still hold for signals that leave that mode often enough."
     reached = None if problem.region is None else _reached(problem, checks)
     if reached is not None:

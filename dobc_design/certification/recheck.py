@@ -229,7 +229,7 @@ def trust(claims: Claims, problem: Problem) -> Trusted:
 def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None], ...]:
     """The (id, mode, group) of the checks that every complete certificate holds; regional ones may stand beside."""
     modes, observer_ids = tuple(problem.network.modes), ("observability", "detectability", "hurwitz")
-    theorem = "theorem1" if len(modes) == 1 else "theorem2"
+    theorem = "theorem2" if problem.network.switches else "theorem1"
     theorems = [f"{theorem}-printed", theorem] if problem.joint_observer.P is not None else [theorem]
     names = [group.name if problem.is_grouped else None for group in problem.groups]
     return (

@@ -80,7 +80,7 @@ def shrinks(p: Problem, stage: Any, peaks: Any) -> None:
                 need(math.isfinite(found), "a slope is not bounded")
                 steepest = Fraction(found)
             load += noise * (1 + peaks.disturbance) * arc.w * steepest
-        terms = tuple((arc.coupling, arc.w, v[arc.j]) for arc in heard)
+        terms = tuple((arc.coupling, arc.w, v[arc.j], arc.loose) for arc in heard)
         row = Row(v[i], (p.least_gain(i) - stage.alpha) * v[i], terms)
         if stage.rho is None:
             holds = linear_row(row, load=load * bottom / stage.level)

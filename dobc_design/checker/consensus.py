@@ -269,9 +269,9 @@ def alike(case: Certificate, check: Any) -> None:
     for mode, arcs in p.modes.items():
         D, w = claim.D, vector(claim.w[mode])
         left = [2 * D[i] * w[i] * (k - c) for i, k in enumerate(gains)]
-        for i, j, weight, coupling in arcs:
+        for i, j, weight, coupling, loose in arcs:
             g = weight * parts[coupling] * D[i]
-            left[i] += g * (2 * w[i] - w[j])
+            left[i] += min(ZERO, g * (2 * w[i] - w[j])) if loose else g * (2 * w[i] - w[j])
             left[j] -= g * w[i]
         need(min(left) > 0, "the weights do not show it")
 
@@ -287,7 +287,7 @@ def multiple(X: Matrix, G: Matrix) -> Fraction:
 def linearisation(case: Certificate, check: Any) -> None:
     """J - K (of one mode) and A - W C have all eigenvalues left of minus the rate, or J - K has some right of 0."""
     p, b = case.problem, check.rate or ZERO
-    need(not p.kinked and len(p.modes) == 1, "it is about a smooth loop with one mode")
+    need(not p.kinked and not p.switches, "it is about a smooth loop with one graph")
     need(check.margin is None and check.witness is None and (check.rate is None or b > 0), "it claims something else")
     (X,) = map(p.jacobian, p.modes)
     if check.verdict == "proved":

@@ -169,7 +169,7 @@ def cycles(turns: list[Phase]) -> list[tuple[str, ...]]:
 
 
 def allowed(p: Problem) -> list[tuple[str, ...]]:
-    """All modes, and the cycles that a guarantee allows of at most PHASES phases."""
+    """All modes, whatever arcs are there, and the cycles that a guarantee allows of at most PHASES phases."""
     guaranteed = len(p.modes) > 1 and (p.switching or {}).get("guarantee") in ("dwell", "sequence")
     turns = phases(p) if guaranteed else []
     return [tuple(p.modes), *(cycles(turns) if 0 < len(turns) <= PHASES else [])]
@@ -223,7 +223,7 @@ def shown(
     held = min(p.least_gain(i) * box[i] for box in face.own)
     room, terms, slopes = held + face.speed[i] - max(loads), list[Term](), ZERO
     for arc in arcs:
-        step = max(own[arc.j] - own[i] for own in face.own)
+        step = max([ZERO] * arc.loose + [own[arc.j] - own[i] for own in face.own])
         reach = max(other[arc.j] + own[i] for own, other in zip(face.own, face.other, strict=True))
         p_side, q_side = ((enclosed(x)[1],) * 2 for x in (max(reach, -step), step))
         terms.append((curves[arc.coupling, mirrored], enclosed(arc.w), p_side, q_side))

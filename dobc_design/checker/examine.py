@@ -146,7 +146,7 @@ def covers(case: Certificate, check: Any) -> bool:
         return bool(domain == "global")
     if p.region is None:  # a box around the target answers the local question of several modes
         near = domain.radius > 0 and (not p.q or domain.disturbance > 0)
-        box = check.id in ("max-separable", "schedule", "markov") and len(p.modes) > 1
+        box = check.id in ("max-separable", "schedule", "markov") and p.switches
         return bool((safe or box) and near)
     sides = enumerate(p.region.initial_states)
     farthest = [max(abs(end - goal[c]) for goal in p.goals for end in side) for c, side in sides]
@@ -164,7 +164,7 @@ def refuted(case: Certificate) -> bool:
         if group.W is not None and not takes_long(group)
         for T, columns in [observable(group)]
     )
-    apart = any(p.escapes(cycle) for cycle in allowed(p))
+    apart = any(p.escapes(cycle, k == 0) for k, cycle in enumerate(allowed(p)))
     if apart or (p.region and any(check.id == "equilibrium" for check in found)) or not all(map(stable, parts)):
         return True
     sides = [] if p.region is None else p.region.initial_states

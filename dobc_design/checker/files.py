@@ -44,6 +44,7 @@ class Arc(NamedTuple):
     j: int
     w: Fraction
     coupling: Coupling
+    loose: bool = False  # it comes and goes: w times any number from 0 to 1
 
 
 class Problem:
@@ -64,7 +65,7 @@ class Problem:
             "name": text,
             "notes": [text],
             "target": (rational,) * m,
-            "modes": [{"name": text, "arcs": [(agent, agent, rational)]}],
+            "modes": [{"name": text} | {key: [(agent, agent, rational)] for key in ("arcs", "optional?")}],
             "coupling": {"h": self.read_h, "exceptions": [{"arc": (agent, agent), "h": self.read_h}]},
             "gains": [(agent, matrix(p, m))],
             "exosystem": maybe(an_object),
@@ -91,9 +92,16 @@ class Problem:
         self.domain = "global" if all(coupling.straight for coupling in self.couplings) else "consensus"
         self.switching = read(file.switching, maybe(an_object))
         self.modes = {
-            mode.name: [Arc(i, j, w, known[exceptions.get((i, j), h)]) for i, j, w in mode.arcs] for mode in file.modes
+            mode.name: [
+                Arc(i, j, w, known[exceptions.get((i, j), h)], loose)
+                for loose, arcs in ((False, mode.arcs), (True, mode.optional or []))
+                for i, j, w in arcs
+            ]
+            for mode in file.modes
         }
         need(0 < len(file.modes) == len(self.modes), "modes have to be different, and at least one")
+        self.loose = any(arc.loose for arcs in self.modes.values() for arc in arcs)
+        self.switches = self.loose or len(self.modes) > 1
         self.heard: dict[str, list[list[Arc]]] = {mode: [[] for _ in range(n)] for mode in self.modes}
         for mode, arc in ((mode, arc) for mode, arcs in self.modes.items() for arc in arcs):
             self.heard[mode][arc.i].append(arc)
@@ -248,9 +256,9 @@ class Problem:
         """(a, b, c, G): row a of J - K has +G in column b and -G in column c, the agent's own. A gain is an arc from
         the target, where the error is 0: it has the column n m, which is dropped in the end."""
         m = self.m
-        for i, j, w, coupling in self.modes[mode]:
+        for i, j, w, coupling, loose in self.modes[mode]:
             for (c, d), slope in coupling.slopes.items():
-                yield i * m + c, j * m + d, i * m + d, times(slope, (w, w))
+                yield i * m + c, j * m + d, i * m + d, times(slope, (ZERO if loose else w, w))
         for i, k in self.gains.items():
             yield from ((i * m + c, self.n * m, i * m + d, (k[c][d], k[c][d])) for c in range(m) for d in range(m))
 
@@ -286,20 +294,21 @@ class Problem:
         return [row[:-1] for row in X]
 
     # --- who hears whom
-    def edges(self, modes: Iterable[str], hears: bool) -> list[list[int]]:
-        """Whom every agent listens to, or who listens to it."""
+    def edges(self, modes: Iterable[str], hears: bool, loose: bool = False) -> list[list[int]]:
+        """Whom every agent listens to, or who listens to it, by arcs that are always there, or by all (``loose``)."""
         found: list[list[int]] = [[] for _ in self.labels]
-        for arc in (arc for mode in modes for arc in self.modes[mode]):
+        for arc in (arc for mode in modes for arc in self.modes[mode] if loose or not arc.loose):
             found[arc.i if hears else arc.j].append(arc.j if hears else arc.i)
         return found
 
-    def escapes(self, modes: Collection[str]) -> bool:
-        """A closed set of agents (they listen to nobody outside) can stay away from the target in these modes, inside
-        the region. The smallest closed set around an agent has the fewest gains; a nonsingular gain in it holds it."""
+    def escapes(self, modes: Collection[str], loose: bool) -> bool:
+        """A closed set of agents (they listen to nobody outside; ``loose``: not even by arcs that come and go) can stay
+        away from the target in these modes, inside the region. The smallest closed set around an agent has the fewest
+        gains; a nonsingular gain in it holds it."""
         if self.nodes:  # curved ones may pull where neither gains nor their slopes do
             return False
         nonsingular = [i for i, k in self.gains.items() if len(echelon(k)[0]) == self.m]
-        hears, held = self.edges(modes, True), reach(nonsingular, self.edges(modes, False))
+        hears, held = self.edges(modes, True, loose), reach(nonsingular, self.edges(modes, False, loose))
         return any(self.leaves_free(reach([i], hears)) for i in range(self.n) if i not in held)
 
     def leaves_free(self, group: set[int]) -> bool:
@@ -359,5 +368,5 @@ class Certificate:
         self.checks, self.W, self.P = self.claims.checks, self.claims.observer.W, self.claims.observer.P
         for X in ([] if problem.W else self.W, self.P):
             short((x for row in X or [] for x in row), MATRIX_BITS)
-        self.theorem = "theorem1" if len(problem.modes) == 1 else "theorem2"
+        self.theorem = "theorem2" if problem.switches else "theorem1"
         self.rooms: dict[str, Fraction | None] = {}  # of the modes, once they are known (consensus.room)

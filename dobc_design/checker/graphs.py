@@ -97,7 +97,7 @@ def mean(p: Problem, mode: str, w: list[Fraction], rest: Matrix) -> None:
         for arc in heard:
             low, high = arc.coupling.slope(0, 0)
             rows[arc.j] += arc.w * high * w[i]
-            rows[i] -= arc.w * low * w[i]
+            rows[i] -= ZERO if arc.loose else arc.w * low * w[i]
     need(all(coupling.slope(0, 0)[0] >= 0 for coupling in p.couplings), "a coupling falls")
     need(max(rows) <= 0, f"a row of mode {mode} does not hold")
 

@@ -112,7 +112,7 @@ def contained(p: Problem, P_e: Matrix, square: Fraction, radius: Fraction | None
 def relied(p: Problem) -> set[tuple[int, int]]:
     """The rows of e_id and e_jd for each difference e_jd - e_id that a coupling depends on, if it is not linear."""
     found = set()
-    for (i, j, _, h), d in ((arc, d) for heard in p.modes.values() for arc in heard for d in range(p.m)):
+    for (i, j, _, h, _), d in ((arc, d) for heard in p.modes.values() for arc in heard for d in range(p.m)):
         bent = [each for each, part in zip(h.h, h.parts, strict=True) if part.degree > 1]
         if not h.straight and (h.single or any(re.search(rf"y{d + 1}(?![0-9])", each) for each in bent)):
             found.add((i * p.m + d, j * p.m + d))
@@ -191,6 +191,7 @@ def channels(p: Problem, mode: str, ranges: Ranges) -> list[tuple[int, int, int,
     for arc, c, d in ((arc, c, d) for arc in p.modes[mode] for c in range(m) for d in range(m)):
         lo, hi = (arc.w * x for x in ranges[arc.coupling][c][d])
         if lo or hi:
+            lo, hi = (min(lo, ZERO), max(hi, ZERO)) if arc.loose else (lo, hi)
             found.append((arc.i * m + c, arc.i * m + d, arc.j * m + d, (lo + hi) / 2, (hi - lo) / 2))
     for i, c, d in itertools.product(range(p.n), range(m if p.nodes else 0), range(m)):
         lo, hi = (x - p.drift[c][d] for x in ranges[p.couplings[-1]][c][d])
@@ -234,6 +235,7 @@ def exhaustive(case: Certificate, check: Any) -> None:
     """V decreases in every box that meets the ring between the level and the outer level."""
     p, size = case.problem, case.problem.n * case.problem.m
     need(size <= COMPONENTS, f"boxes are followed for up to {COMPONENTS} components")
+    need(not p.loose, "boxes are not followed where arcs come and go")
     claim = read_quadratic(case, check.exact, check.rate, {"outer": rational, "half": rational, "tree": text})
     half, costs = claim.half, noise(case, claim)
     need(claim.level is not None and claim.outer >= claim.level, "there is no level, or the outer one is below it")

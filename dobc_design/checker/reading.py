@@ -44,6 +44,8 @@ def document(data: bytes, kind: str) -> dict[str, Any]:
         raise Refused("the file is no JSON in UTF-8, or nested too deeply") from None
     need(type(value) is dict and value.get("format") == kind, f"the file is no {kind}")
     known = 2 if kind == "dobc-problem" and "dynamics" in value else 1
+    modes = value.get("modes") if kind == "dobc-problem" else None
+    known = 3 if type(modes) is list and any(type(x) is dict and "optional" in x for x in modes) else known
     need(type(value.get("version")) is int and value["version"] == known, f"the version is not {known}")
     return dict(value)
 

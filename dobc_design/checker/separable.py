@@ -177,7 +177,7 @@ def stuck(p: Problem, check: Any) -> None:
     group = set(witness.labels)
     need(group <= set(p.labels) and 0 < len(group) == len(witness.labels), "the witness names no different agents")
     for i in (i for i, label in enumerate(p.labels) if label in group):
-        inside = any(all(p.labels[arc.j] in group for arc in heard[i]) for heard in p.heard.values())
+        inside = any(all(arc.loose or p.labels[arc.j] in group for arc in heard[i]) for heard in p.heard.values())
         need(p.least_gain(i) <= 0 and inside, "an agent of the witness is held, or hears somebody outside")
 
 
@@ -243,11 +243,16 @@ Term = tuple[Curve, Floats, Floats, Floats]  # w, p and q
 
 # --- rows: sum of w sup {h(y): -s p <= y <= s q} <= s c for all s in (0, rho], with p = v_i + v_j and q = v_j - v_i
 class Row(NamedTuple):
-    """The row of an agent: its v, the bound c, and the coupling, weight and v_j of every arc; v and c in one unit."""
+    """The row of an agent: its v, the bound c, and the coupling, weight and v_j of every arc; v and c in one unit.
+    Of a loose arc the supremum is taken up to y = 0 at least: there it adds nothing, as if it were absent."""
 
     own: int
     c: Fraction
-    terms: tuple[tuple[Coupling, Fraction, int], ...]
+    terms: tuple[tuple[Coupling, Fraction, int, bool], ...]
+
+    def steps(self) -> list[int]:
+        """v_j - v_i of every arc, or 0 for a loose one if that is more."""
+        return [max(top - self.own, 0) if loose else top - self.own for _, _, top, loose in self.terms]
 
 
 def rows(
@@ -260,10 +265,11 @@ def rows(
     found: dict[Row, int] = {}
     for i, heard in ((i, heard[i]) for heard in p.heard.values() for i in range(p.n)):
         own = v[i] * theta.denominator
-        terms = sorted(((arc.coupling, arc.w, tops[arc.j]) for arc in heard), key=lambda term: (term[0].h, *term[1:]))
+        each = ((arc.coupling, arc.w, tops[arc.j], arc.loose) for arc in heard)
+        terms = sorted(each, key=lambda term: (term[0].h, *term[1:]))
         found.setdefault(Row(own, (p.least_gain(i, errors[1]) - alpha) * own, tuple(terms)), i)
 
-    curves = tables(claim, ((h, row.own, top) for row in found for h, _, top in row.terms), bottom, False)
+    curves = tables(claim, ((h, row.own, top) for row in found for h, _, top, _ in row.terms), bottom, False)
     for row, i in found.items():
         faces = (False, True) if claim.rho is not None else ()
         curved = (curved_row(row, bottom, claim.rho, curves, face, errors[0]) for face in faces)
@@ -289,10 +295,11 @@ def tables(claim: Any, arcs: Iterable[tuple[Coupling, int, int]], bottom: int, w
 
 def linear_row(row: Row, error: Fraction = ZERO, local: bool = False, load: Fraction = ZERO) -> bool:
     """True if a row of linear couplings holds, with a load added: its two faces are the same, and s does not matter."""
-    ends = [(h.slope(0, 0), w, (top - row.own, -top - row.own)) for h, w, top in row.terms]
+    arcs = zip(row.terms, row.steps(), strict=True)
+    ends = [(h.slope(0, 0), w, (step, -top - row.own)) for (h, w, top, _), step in arcs]
     largest = ((w, max(g * y for g in slopes for y in sides)) for slopes, w, sides in ends)
     suprema = (max(w * (1 - error) * x, w * (1 + error) * x) for w, x in largest)
-    return all(local or h.straight for h, _, _ in row.terms) and sum(suprema, load) <= row.c
+    return all(local or h.straight for h, *_ in row.terms) and sum(suprema, load) <= row.c
 
 
 def curved_row(
@@ -307,12 +314,13 @@ def curved_row(
 ) -> bool:
     """One face of a row, with a load added, on pieces of (0, rho], or of [start, rho]; a weight is an interval, so that
     products have the worse end."""
-    unit = max(Fraction(2**400), abs(row.c) / bottom, load, *(w for _, w, _ in row.terms)) / 2**400  # for huge ones
+    unit = max(Fraction(2**400), abs(row.c) / bottom, load, *(w for _, w, *_ in row.terms)) / 2**400  # for huge ones
     c, added_load = enclosed(row.c / bottom / unit), enclosed(load / unit)
-    sides = {x: enclosed(Fraction(x, bottom)) for _, _, v in row.terms for x in (v + row.own, v - row.own)}
-    wide = [hull(*(enclosed(w * (1 + sign * error) / unit) for sign in (-1, 1))) for _, w, _ in row.terms]
-    arcs = zip(row.terms, wide, strict=True)
-    terms = [(curves[h, mirrored], w, sides[v + row.own], sides[v - row.own]) for (h, _, v), w in arcs]
+    steps = row.steps()
+    sides = {x: enclosed(Fraction(x, bottom)) for x in (*(v + row.own for _, _, v, _ in row.terms), *steps)}
+    wide = [hull(*(enclosed(w * (1 + sign * error) / unit) for sign in (-1, 1))) for _, w, *_ in row.terms]
+    arcs = zip(row.terms, wide, steps, strict=True)
+    terms = [(curves[h, mirrored], w, sides[v + row.own], sides[step]) for (h, _, v, _), w, step in arcs]
 
     return on_pieces(terms, c, added_load, enclosed(rho)[1], enclosed(start)[0])
 

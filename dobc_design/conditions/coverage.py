@@ -55,7 +55,7 @@ def _is_near(problem: Problem, check: Check) -> bool:
     """Whether a box around the target is proved: under switching that answers the local question, too."""
     known = ("max-separable", "schedule", "markov", "safety")
     box = check.domain if check.id in known and isinstance(check.domain, Mapping) else {}
-    several = len(problem.network.modes) > 1 or check.id == "safety"
+    several = problem.network.switches or check.id == "safety"
     return several and box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
 
 

@@ -199,7 +199,9 @@ def _matrices(source: Source | Certificate) -> tuple[dict[str, Matrix], Problem]
 
 
 def _loaded(problem: Source) -> Problem:
-    return arrays.require_floats(load_problem(problem))
+    problem = arrays.require_floats(load_problem(problem))
+    problem.require_fixed_arcs("an export")
+    return problem
 
 
 def analyse(problem: Source) -> Analysis:
@@ -212,7 +214,7 @@ def analyse(problem: Source) -> Analysis:
     """
     from dobc_design.analysis.analysis import analyse as run
 
-    problem = _loaded(problem)
+    problem = arrays.require_floats(load_problem(problem))
     return run(problem, gain=observer_gain(problem))
 
 

@@ -58,7 +58,8 @@ def _flat(numbers: Any) -> Iterator[Any]:
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ArcTable:
     """Arc a: ``listeners[a]`` hears ``speakers[a]`` by the coupling at place ``coupling[a]`` of problem.couplings.  Its
-    weight is ``weights[weight[a]]``; ``weights`` holds each different one once.  Arrays of one length."""
+    weight is ``weights[weight[a]]``; ``weights`` holds each different one once.  Arrays of one length, optional arcs
+    among them as if they were there."""
 
     listeners: IndexArray
     speakers: IndexArray
@@ -111,7 +112,8 @@ def split_by(kinds: IndexArray) -> Iterator[tuple[int, IndexArray]]:
 
 
 def unreached(problem: Problem, arcs: Iterable[Arcs]) -> tuple[int, ...]:
-    """Agents that nothing from a pinned agent reaches along the arcs of all given modes; exact, in linear time."""
+    """Agents that nothing from a pinned agent reaches along the arcs of all given modes, without those that come and
+    go; exact, in linear time."""
     (listeners, speakers), n = _ends(arcs), problem.n
     pins = np.array(problem.pinning.agents, dtype=np.int64)
     ends = np.append(speakers, np.full(len(pins), n)), np.append(listeners, pins)  # the target is agent n
@@ -121,8 +123,8 @@ def unreached(problem: Problem, arcs: Iterable[Arcs]) -> tuple[int, ...]:
 
 
 def _ends(arcs: Iterable[Arcs]) -> tuple[IndexArray, IndexArray]:
-    """Listeners and speakers of the arcs of several modes together."""
-    chosen, none = list(arcs), np.zeros(0, dtype=np.int64)
+    """Listeners and speakers of the arcs of several modes together, without those that come and go."""
+    chosen, none = [each.always for each in arcs], np.zeros(0, dtype=np.int64)
     return np.concatenate([none, *(a.listeners for a in chosen)]), np.concatenate([none, *(a.speakers for a in chosen)])
 
 
@@ -280,14 +282,17 @@ def goals(problem: Problem) -> Array:
     return result
 
 
-def arc_groups(problem: Problem, mode: str) -> tuple[ArcGroup, ...]:
-    """Split the arcs of one mode by coupling, in the order of ``couplings``; empty groups are left out."""
+def arc_groups(problem: Problem, mode: str, there: NDArray[np.bool_] | None = None) -> tuple[ArcGroup, ...]:
+    """Split the arcs of one mode, or those ``there`` (arcs,), by coupling, in the order of ``couplings``; empty groups
+    are left out."""
     table = arc_table(problem, mode)
     weights = to_float((table.weights,))[0][table.weight]
     i, j = table.listeners, table.speakers
+    kinds = table.coupling if there is None else np.where(there, table.coupling, -1)
     return tuple(
         ArcGroup(coupling=problem.couplings[place], listeners=i[arcs], speakers=j[arcs], weights=weights[arcs])
-        for place, arcs in split_by(table.coupling)
+        for place, arcs in split_by(kinds)
+        if place >= 0
     )
 
 

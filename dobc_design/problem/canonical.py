@@ -21,12 +21,12 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import shown
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
-from dobc_design.problem.network import Arcs, Network, directed, labels_of, parse_weights
+from dobc_design.problem.network import Arcs, Network, directed, joined, labels_of, parse_weights
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
 
 FORMAT = "dobc-problem"
-VERSION, VERSION_DYNAMICS = 1, 2  # other problems keep their version, and their hash
+VERSION, VERSION_DYNAMICS, VERSION_OPTIONAL = 1, 2, 3  # other problems keep their version, and their hash
 _CURE = "Write it again with `dobc check FILE --canonical OUT`."
 _KEYS = ("format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains")
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
@@ -60,18 +60,19 @@ def matrix_text(matrix: Matrix) -> list[list[str]]:
 
 def canonical_document(problem: Problem) -> dict[str, Any]:
     """The document behind problem.json: JSON types only."""
-    exceptions = sorted(problem.exceptions.items())
+    exceptions, plain = sorted(problem.exceptions.items()), VERSION if problem.dynamics is None else VERSION_DYNAMICS
     return {
         "format": FORMAT,
-        "version": VERSION if problem.dynamics is None else VERSION_DYNAMICS,
+        "version": plain if problem.network.loose is None else VERSION_OPTIONAL,
         "name": problem.name,
         "notes": list(problem.notes),
         "labels": list(problem.network.labels),
         "dimension": problem.m,
         "target": [number_text(x) for x in problem.target],
         "modes": [
-            {"name": name, "arcs": [[i, j, number_text(w)] for i, j, w in arcs]}
+            {"name": name, "arcs": each[: len(each) - k], **({"optional": each[len(each) - k :]} if k else {})}
             for name, arcs in problem.network.modes.items()
+            for k, each in [(arcs.optional, [[i, j, number_text(w)] for i, j, w in arcs])]
         ],
         "coupling": {
             "h": _coupling(problem.coupling),
@@ -145,9 +146,12 @@ def _load(data: bytes) -> dict[str, Any]:
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
     version = document.get("version")
-    known = VERSION_DYNAMICS if "dynamics" in document else VERSION
+    known, modes = VERSION_DYNAMICS if "dynamics" in document else VERSION, document.get("modes")
+    if isinstance(modes, list) and any(isinstance(mode, dict) and "optional" in mode for mode in modes):
+        known = VERSION_OPTIONAL
     if version != known or type(version) is not int:  # true and 1.0 equal 1
-        what = f"problem.json has version {shown(version)}; this program knows {VERSION} and {VERSION_DYNAMICS}."
+        what = f"problem.json has version {shown(version)}; this program knows {VERSION} to {VERSION_OPTIONAL},"
+        what += f" and reads this one as {known}."
         raise SpecError(what, key="version", cure="Update dobc_design, or write the file again.")
     return document
 
@@ -220,11 +224,16 @@ class _Reader:
     def modes(self) -> dict[str, Arcs]:
         result: dict[str, Arcs] = {}
         for position, item in enumerate(_list(self.document["modes"], key="modes")):
-            mode = _object(item, ("name", "arcs"), key=f"modes[{position}]")
+            mode = _object(item, ("name", "arcs"), ("optional",), key=f"modes[{position}]")
             name = _text(mode["name"], key=f"modes[{position}].name")
             if name in result:
                 raise _wrong(f"modes[{position}].name", "different from the others", name)
-            result[name] = _arcs(_list(mode["arcs"], key=f"modes[{position}].arcs"), key=f"modes[{position}].arcs")
+            parts = (part for part in ("arcs", "optional") if part in mode)
+            keys = {part: f"modes[{position}].{part}" for part in parts}
+            first, *rest = (_arcs(_list(mode[part], key=key), key=key) for part, key in keys.items())
+            if rest and not len(rest[0]):
+                raise _wrong(keys["optional"], "arcs, at least one", mode["optional"])
+            result[name] = joined(first, *rest) if rest else first
         return result
 
     def exceptions(self, items: Any) -> dict[tuple[int, int], Any]:

@@ -253,10 +253,11 @@ def problem_text(problem: Problem) -> str:
         document["notes"] = list(problem.notes)
     document["target"] = [typed_number(x) for x in problem.target]
     counted = labels == [str(i + 1) for i in range(len(labels))]
-    arcs = {
-        mode: [[labels[i], labels[j]] if w == 1 else [labels[i], labels[j], typed_number(w)] for i, j, w in each]
-        for mode, each in problem.network.modes.items()
-    }
+    arcs: dict[str, Any] = {}
+    for mode, each in problem.network.modes.items():
+        every = [[labels[i], labels[j]] if w == 1 else [labels[i], labels[j], typed_number(w)] for i, j, w in each]
+        sure = len(every) - each.optional
+        arcs[mode] = {"arcs": every[:sure], "optional": every[sure:]} if each.optional else every
     document["network"] = _table({"agents": len(labels) if counted else labels, "arrow": "listens_to", "modes": arcs})
     special = canonical["coupling"]["exceptions"]
     coupling = {"h": canonical["coupling"]["h"]}

@@ -15,12 +15,11 @@ from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from functools import cache, partial
 from importlib.resources import files
-from itertools import chain, combinations, islice, takewhile
+from itertools import islice, takewhile
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from dobc_design.coupling.coupling import Coupling, make_coupling
@@ -31,10 +30,10 @@ from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
-from dobc_design.problem.network import Arcs, Network, arcs_from_pairs, check_arrow, directed, labels_of
+from dobc_design.problem.network import Arcs, Network, arcs_from_pairs, check_arrow, joined, labels_of
 from dobc_design.problem.problem import Problem, dimension_of, is_name
 from dobc_design.problem.schema import RESERVED, SCHEMA_VERSION, ExosystemTable, GroupTable, ProblemFile
-from dobc_design.problem.settings import MOST_OPTIONAL, OPTIONAL, Switching
+from dobc_design.problem.settings import Switching
 
 MAX_BYTES = 16 * 1024 * 1024
 MAX_NESTING = 50
@@ -413,11 +412,7 @@ def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
         key = f"network.modes.{named(name)}"
         with kept(errors):
             read = partial(_mode, index=index, arrow=table.arrow, folder=folder)
-            found = _subsets(name, value, read, key=key)
-            again = [each for each in found if each in modes or (each != name and each in table.modes)]
-            if again:
-                raise wrong(key, f"makes a mode {shown(min(again))}, which there is already.", "Rename one of the two.")
-            modes |= found
+            modes[name] = _with_optional(value, read, key=key)
         if len(errors) >= MOST_ERRORS:
             break
     # With what can be read, so that further mistakes show at once.
@@ -427,29 +422,14 @@ def _network(tables: ProblemFile, *, folder: Path | None) -> Network:
     return network
 
 
-def _subsets(name: str, value: Any, read: Callable[..., Arcs], *, key: str) -> dict[str, Arcs]:
-    """A mode; of one with optional arcs, which may come and go at any time, a mode for every subset of them."""
+def _with_optional(value: Any, read: Callable[..., Arcs], *, key: str) -> Arcs:
+    """A mode; of one with optional arcs these are the last."""
     if not isinstance(value, dict) or "optional" not in value:
-        return {name: read(value, key=key)}
+        return read(value, key=key)
     if set(value) != {"arcs", "optional"}:
         what = f"must have the keys arcs and optional, and no other; got {', '.join(map(shown, value))}."
         raise wrong(key, what, "For example arcs = [[1, 2]] and optional = [[2, 3]].")
-    always, optional = (list(read(value[part], key=f"{key}.{part}")) for part in ("arcs", "optional"))
-    if not 1 <= len(optional) <= MOST_OPTIONAL:
-        what = f"must be 1 to {MOST_OPTIONAL} arcs, because each doubles the number of modes; got {len(optional)}."
-        raise wrong(f"{key}.optional", what, "List the graphs that may occur as modes of their own.")
-    known = {arc[:2] for arc in always}
-    for k, arc in enumerate(optional):
-        if arc[:2] in known:
-            raise wrong(f"{key}.optional[{k}]", "is an arc that stands there already.", "Remove one of the two.")
-        known.add(arc[:2])
-    found = {}
-    for off in chain.from_iterable(combinations(range(len(optional)), k) for k in range(len(optional) + 1)):
-        arcs = [*always, *(arc for k, arc in enumerate(optional) if k not in off)]
-        first, second = (np.array([arc[end] for arc in arcs], dtype=np.int64) for end in (0, 1))
-        mode = f"{name}{OPTIONAL}{', '.join(str(k + 1) for k in off)}" if off else name
-        found[mode] = directed(first, second, tuple(arc[2] for arc in arcs), arrow="listens_to")
-    return found
+    return joined(*(read(value[part], key=f"{key}.{part}") for part in ("arcs", "optional")))
 
 
 def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder: Path | None) -> Arcs:

@@ -209,7 +209,7 @@ def _about_network(problem: Problem) -> Iterator[str]:
     held = as_integrators(problem)  # agents with [dynamics] are held by A, too
     if not held.pinning.agents:
         yield "No agent is pinned; the group can drift as a whole. Give an agent a gain in [pinning]."
-    elif missing := [labels[i] for i in unreached(held, modes.values()) if i not in alone]:
+    elif missing := [labels[i] for i in unreached(held, [each.present for each in modes.values()]) if i not in alone]:
         turned = [Arcs(arcs.speakers, arcs.listeners, arcs.weights) for arcs in modes.values()]
         if not unreached(held, turned):
             yield (

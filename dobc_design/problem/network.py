@@ -6,10 +6,10 @@ What [a, b] means is said by ``arrow``, without a default: mixed-up directions a
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from types import MappingProxyType
 from typing import Any
 from unicodedata import normalize
@@ -79,11 +79,29 @@ IndexArray = NDArray[np.int64]
 @dataclass(frozen=True, slots=True, eq=False)
 class Arcs:
     """The arcs of one mode: agent ``listeners[a]`` hears agent ``speakers[a]`` with weight ``weights[a]``.  Shapes:
-    three sequences of equal length; indices count from 0; weights are > 0 and multiply h."""
+    three sequences of equal length; indices count from 0; weights are > 0 and multiply h.  The last ``optional`` arcs
+    come and go at any time while the mode is on: what they add is any part, from nothing to all, of w h."""
 
     listeners: IndexArray
     speakers: IndexArray
     weights: tuple[Fraction, ...]
+    optional: int = 0
+
+    @property
+    def always(self) -> Arcs:
+        """The arcs that are there as long as the mode is on."""
+        sure = slice(len(self) - self.optional)
+        return Arcs(self.listeners[sure], self.speakers[sure], self.weights[sure])
+
+    @property
+    def present(self) -> Arcs:
+        """All arcs, as if they were there as long as the mode is on."""
+        return Arcs(self.listeners, self.speakers, self.weights)
+
+    @property
+    def uncertain(self) -> NDArray[np.bool_]:
+        """Which arcs come and go, (arcs,)."""
+        return np.arange(len(self)) >= len(self) - self.optional
 
     def __len__(self) -> int:
         return len(self.weights)
@@ -95,10 +113,18 @@ class Arcs:
         if not isinstance(other, Arcs):
             return NotImplemented
         same = map(np.array_equal, (self.listeners, self.speakers), (other.listeners, other.speakers))
-        return all(same) and self.weights == other.weights
+        return all(same) and (self.weights, self.optional) == (other.weights, other.optional)
 
     def __hash__(self) -> int:
-        return hash((self.listeners.tobytes(), self.speakers.tobytes(), self.weights))
+        return hash((self.listeners.tobytes(), self.speakers.tobytes(), self.weights, self.optional))
+
+
+def joined(always: Arcs, optional: Arcs) -> Arcs:
+    """The arcs of a mode that has these optional ones."""
+    first = np.concatenate([always.listeners, optional.listeners])
+    second = np.concatenate([always.speakers, optional.speakers])
+    every = directed(first, second, always.weights + optional.weights, arrow="listens_to")
+    return replace(every, optional=len(optional))
 
 
 def parse_weights(values: Sequence[Any], *, key: str) -> tuple[Fraction, ...]:
@@ -145,28 +171,35 @@ def check_arrow(arrow: object) -> None:
 
 def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
     """Refuse arcs that leave the graph, self-arcs, duplicates and weights <= 0, with the first offender."""
-    key, n = f"network.modes.{named(mode)}", len(labels)
+    n, count = len(labels), len(arcs) - arcs.optional
+
+    def at(place: int) -> str:
+        part = f".optional[{place - count}]" if place >= count else f"{'.arcs' if arcs.optional else ''}[{place}]"
+        return f"network.modes.{named(mode)}{part}"
+
+    if type(arcs.optional) is not int or not 0 <= arcs.optional <= len(arcs):
+        raise wrong(at(0), f"has {len(arcs)} arcs; optional cannot be {arcs.optional}.", "Give how many come and go.")
     for ends in (arcs.listeners, arcs.speakers):
         outside = np.flatnonzero((ends < 0) | (ends >= n))
         if len(outside):
             what = f"index {ends[outside[0]]} leaves the graph; agents are numbered 0 to {n - 1}."
-            raise about(f"{key}[{outside[0]}]", what, "Correct the index.")
+            raise about(at(outside[0]), what, "Correct the index.")
     loops = np.flatnonzero(arcs.listeners == arcs.speakers)
     if len(loops):
         name = named(labels[int(arcs.listeners[loops[0]])])
-        raise about(f"{key}[{loops[0]}]", f"agent {name} must not listen to itself; got a self-arc.", "Remove the arc.")
+        raise about(at(loops[0]), f"agent {name} must not listen to itself; got a self-arc.", "Remove the arc.")
     codes = arcs.listeners * n + arcs.speakers
     order = np.argsort(codes, kind="stable")
     again = np.flatnonzero(np.diff(codes[order]) == 0)
     if len(again):
         position = int(order[again + 1].min())
         what = f"{_sentence(arcs, position, labels)} already; this arc is a duplicate."
-        raise about(f"{key}[{position}]", what, "Remove one of the two, or give one arc with the sum of the weights.")
+        raise about(at(position), what, "Remove one of the two, or give one arc with the sum of the weights.")
     if any(w is not ONE and w <= 0 for w in arcs.weights):
         position = next(i for i, w in enumerate(arcs.weights) if w <= 0)
         found = f"{_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}"
         what = f"a weight must be > 0, because it multiplies h; {found}."
-        raise about(f"{key}[{position}]", what, "Leave the arc out, or put the sign into h.")
+        raise about(at(position), what, "Leave the arc out, or put the sign into h.")
 
 
 def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
@@ -200,7 +233,7 @@ def _range(index: Mapping[str, int]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Network(Shown):
-    """Agents by label, and the arcs of every mode.  One mode: fixed topology; several: switching.
+    """Agents by label, and the arcs of every mode.  One mode without optional arcs: fixed topology; else switching.
 
     Two networks are equal when labels, modes and arcs are, in the same order.
     """
@@ -263,6 +296,16 @@ class Network(Shown):
         """Label -> index from 0 (built at each call; keep it when you need it often)."""
         return {label: i for i, label in enumerate(self.labels)}
 
+    @property
+    def switches(self) -> bool:
+        """Whether the graph may change: there are several modes, or arcs that come and go."""
+        return len(self.modes) > 1 or self.loose is not None
+
+    @property
+    def loose(self) -> str | None:
+        """The first mode with optional arcs; None if there is none."""
+        return next((name for name, arcs in self.modes.items() if arcs.optional), None)
+
     def arc_codes(self) -> set[int]:
         """listener * n + speaker of every arc of every mode."""
         return {code for arcs in self.modes.values() for code in (arcs.listeners * self.size + arcs.speakers).tolist()}
@@ -274,30 +317,40 @@ class Network(Shown):
         *,
         arrow: str,
         agents: int | Sequence[Any] | None = None,
+        optional: Iterable[Sequence[Any]] | Mapping[str, Iterable[Sequence[Any]]] = (),
     ) -> Network:
         """Build a network from pairs [a, b] or triples [a, b, w] of labels.
 
         ``arcs`` is one list (mode "G") or a mapping of mode name to list.  ``arrow`` says what [a, b]
         means: "listens_to" or "sends_to".  ``agents`` is a count (labels 1..n) or the labels;
         without it the labels are taken from the arcs in the order they appear.
+        ``optional``: the same for further arcs, which come and go at any time while their mode is on.
         Raises: SpecError, naming the arc.
         Example:
             >>> dd.Network.from_arcs([["tail", "head"]], arrow="listens_to").labels
             ('tail', 'head')
         """
-        given = _modes(arcs, isinstance(arcs, Mapping))
-        lists = {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in given.items()}
+        given = [_modes(each, isinstance(each, Mapping)) for each in (arcs, optional)]
+        lists, more = (
+            {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in each.items()}
+            for each in given
+        )
+        more = {name: pairs for name, pairs in more.items() if pairs}
+        if unknown := set(more) - set(lists):
+            raise wrong("optional", f"names a mode that arcs does not; got {shown(min(unknown))}.", "Use its name.")
         if agents is None:  # malformed arcs are reported later
-            ends = (end for pairs in lists.values() for arc in pairs if is_list(arc) for end in arc[:2])
+            pairs = chain(*lists.values(), *more.values())
+            ends = (end for arc in pairs if is_list(arc) for end in arc[:2])
             labels = tuple(dict.fromkeys(map(label_text, ends)))
         else:
             labels = labels_of(agents)
         index = {label: i for i, label in enumerate(labels)}
         keys = {name: f"network.modes.{named(name)}" for name in lists}
-        return cls(
-            labels=labels,
-            modes={n: arcs_from_pairs(each, index=index, arrow=arrow, key=keys[n]) for n, each in lists.items()},
-        )
+        modes = {n: arcs_from_pairs(each, index=index, arrow=arrow, key=keys[n]) for n, each in lists.items()}
+        for name, each in more.items():
+            found = arcs_from_pairs(each, index=index, arrow=arrow, key=f"{keys[name]}.optional")
+            modes[name] = joined(modes[name], found)
+        return cls(labels=labels, modes=modes)
 
     @classmethod
     def from_networkx(cls, graph: Any, *, arrow: str) -> Network:

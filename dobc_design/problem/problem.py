@@ -431,10 +431,17 @@ class Problem(Shown):
         return Observer(W=join([each.W for each in own]), P=join([each.P for each in own]), rate=own[0].rate)
 
     def require_integrators(self, what: str) -> None:
-        """Refuse a problem with [dynamics] where ``what`` does not know it.  Raises: SpecError."""
+        """Refuse a problem with [dynamics], or optional arcs, where ``what`` does not know it.  Raises: SpecError."""
+        self.require_fixed_arcs(what)
         if self.dynamics is not None:
             cure = "Use certify, verify, design, simulate, falsify, sweep, analyse, to_control or to_c, which know it."
             raise about("dynamics", f"{what} is not available yet for agents with dynamics of their own.", cure)
+
+    def require_fixed_arcs(self, what: str) -> None:
+        """Refuse a problem with optional arcs where ``what`` does not know them.  Raises: SpecError."""
+        if (loose := self.network.loose) is not None:
+            cure = "Use certify, verify, simulate, falsify or sweep, which know them; or list the graphs as modes."
+            raise about(f"network.modes.{named(loose)}.optional", f"{what} does not know arcs that come and go.", cure)
 
     def require_one_exosystem(self) -> None:
         """Refuse a problem with several groups.  Raises: SpecError."""

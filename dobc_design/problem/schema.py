@@ -52,7 +52,7 @@ _OPTIONAL = {
     "properties": {"arcs": _ARCS, "optional": _ARCS},
     "required": ["arcs", "optional"],
     "additionalProperties": False,
-    "description": "optional: arcs that may come and go at any time.",
+    "description": "optional: arcs that come and go at any time.",
 }
 _INSTANT = {"type": "array", "minItems": 2, "maxItems": 2, "prefixItems": [_NUMBER, _TEXT]}
 _NOTE = {"type": "string", "maxLength": 1000}

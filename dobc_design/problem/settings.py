@@ -184,8 +184,6 @@ GUARANTEES: Mapping[str, str] = {
     "sequence": "periodic",
     "markov": "markov",
 }
-#: In the names of the modes in which some optional arcs are off; the arcs come and go at any time.
-OPTIONAL, MOST_OPTIONAL = " without optional ", 6
 _EXAMPLES = {
     "sequence": 'sequence = ["Ga", "Gb"]',
     "period": "period = 2.0",
@@ -279,10 +277,6 @@ def check_switching(switching: Switching | None, modes: Sequence[str]) -> Switch
     for key, mode in listed:
         if mode not in modes:
             errors.append(wrong(key, f"must be a mode of [network.modes]; got {shown(mode)}.", f"One of {names}."))
-    for name in ("guarantee", "sequence", "schedule", "generator"):
-        if getattr(switching, name) not in (None, "arbitrary") and any(OPTIONAL in mode for mode in modes):
-            what = "must be left out, because there are optional arcs, which come and go at any time."
-            errors.append(wrong(f"switching.{name}", what, "List the graphs that may occur as modes of their own."))
     rows = 0 if switching.generator is None else len(switching.generator)
     if rows and rows != len(modes):
         what = f"must have {counted(len(modes), 'row')}, one per mode; got {rows}."

@@ -32,10 +32,11 @@ def describe(problem: Problem) -> str:
         *dynamics_lines(problem),
     ]
     for mode, arcs in problem.network.modes.items():
-        lines.append(f'Mode "{mode}": {counted(len(arcs), "arc")}.')
+        loose = f", {arcs.optional} of which come and go at any time (the last ones)" if arcs.optional else ""
+        lines.append(f'Mode "{mode}": {counted(len(arcs), "arc")}{loose}.')
         lines += [f"  {text}" for text in _listening(labels, arcs)]
         missing = some([labels[i] for i in unreached(problem, [arcs])], LISTED)
-        yes = "  Every agent is reached from a pinned agent."
+        yes = f"  Every agent is reached from a pinned agent{' by the other arcs' if arcs.optional else ''}."
         missing += " (nothing but their own dynamics holds them)" if missing and problem.dynamics is not None else ""
         lines.append(f"  NOT REACHED from a pinned agent: {missing}." if missing else yes)
     gains = problem.pinning.gains.items()

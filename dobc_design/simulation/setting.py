@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack
@@ -35,7 +35,7 @@ from dobc_design.simulation._arguments import finite_array, not_negative, positi
 from dobc_design.simulation.field import ClosedForm, Loop, make_closed_form, make_loop
 from dobc_design.simulation.integrate import STIFF, fastest_decay, observer_decay
 from dobc_design.simulation.signals import Fixed, Mobile, Signal
-from dobc_design.simulation.switches import Switches, groups_of, motion_switches, scheduled_switches
+from dobc_design.simulation.switches import Switches, drawn_graphs, drawn_switches, groups_of, motion_switches
 from dobc_design.simulation.trajectory import UnfitError, describing, read_arrays, require
 
 EXCHANGE = 0.05  # s between two exchanges where neither a period nor an exchange is given
@@ -388,13 +388,14 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
         cure = "Choose a shorter horizon, or another unit of time."
         raise wrong("t_final", f"must be at most {LONGEST:g} s, beyond which floats are too coarse.", cure)
     loop = make_loop(require_floats(problem), no_gain(problem) if observer == "off" and gain is None else gain)
+    drawn = drawn_graphs(problem)
     times, notes = _times(given.get("samples"), horizon, loop.n * (4 * loop.m + 2 * loop.q))
     if stress is not None:
         stress.failing(problem)  # refuses agents that are not there
     return Setting(
         problem=problem,
         loop=loop,
-        groups=cache(partial(arc_groups, problem)),
+        groups=cache(lambda name: arc_groups(problem, *drawn.get(name, (name,)))),
         signal=Fixed(mode=mode) if signal is None else signal,
         starts=make_starts(problem, loop, given.get("start")),
         horizon=horizon,
@@ -432,7 +433,7 @@ def switches_for(setting: Setting, seed: int) -> Switches:
         if signal.motion is None:
             raise SpecError("the switches follow from the states.", key="signal", cure="Give a motion.")
         return motion_switches(signal, signal.motion, setting.problem, setting.horizon)
-    return scheduled_switches(signal, tuple(setting.problem.network.modes), setting.horizon, seed)
+    return drawn_switches(signal, setting.problem, setting.horizon, seed)
 
 
 def groups_for(setting: Setting, switches: Switches, mode: int) -> Sequence[ArcGroup]:

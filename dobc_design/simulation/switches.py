@@ -26,6 +26,7 @@ MOST_SWITCHES = 1_000_000  # of one run
 STREAM = 1  # starts are drawn from default_rng(seed), switches from default_rng([seed, STREAM])
 LOOKS = 8  # times at which the graph is looked at within one step of the integrator
 LOOKS_OF_MOTION = 64  # ... and within one piece of a given motion
+GRAPHS, CHANGES = 15, 60  # of a mode with optional arcs, beside all of its arcs; instants at which some come or go
 CHATTER = 50  # switches of a run within a billionth of the time so far, which count as chattering
 MOST_CHANGES = 100_000  # switches of one run whose graphs follow from its states
 
@@ -72,6 +73,31 @@ def scheduled_switches(signal: Scheduled, names: tuple[str, ...], horizon: float
         times, modes = _markov(signal, names, horizon, rng)
     changes = np.concatenate([[True], modes[1:] != modes[:-1]])
     return Switches(times=times[changes].astype(np.float64), modes=modes[changes].astype(np.int64), names=names)
+
+
+def drawn_graphs(problem: Problem) -> dict[str, tuple[str, Any]]:
+    """Graphs of the modes with optional arcs: none of them, each the other way round, and some at random."""
+    found = {}
+    for mode, arcs in problem.network.modes.items():
+        draws = np.random.default_rng(0).random((GRAPHS, arcs.optional)) < 0.5
+        draws[:1] = False
+        for k, draw in enumerate(draws if arcs.optional else ()):
+            name = f"{mode}, {'no optional arc' if not k else f'draw {k}'}"
+            found[name] = (mode, np.append(np.ones(len(arcs) - arcs.optional, dtype=bool), draw))
+    return found
+
+
+def drawn_switches(signal: Scheduled, problem: Problem, horizon: float, seed: int) -> Switches:
+    """``scheduled_switches``, with optional arcs that come and go at random instants."""
+    switches = scheduled_switches(signal, tuple(problem.network.modes), horizon, seed)
+    graphs, rng = drawn_graphs(problem), np.random.default_rng([seed, STREAM, STREAM])
+    if not graphs:
+        return switches
+    names = (*switches.names, *graphs)
+    choices = {mode: [names.index(x) for x in (mode, *(x for x in graphs if graphs[x][0] == mode))] for mode in names}
+    times = np.unique(np.concatenate([switches.times, rng.uniform(0.0, horizon, CHANGES)]))
+    modes = np.array([rng.choice(choices[names[mode]]) for mode in switches.at(times).tolist()])
+    return Switches(times=times, modes=modes, names=names)
 
 
 def refuse_too_many(count: float) -> None:

@@ -1,57 +1,88 @@
-"""Optional arcs: any of them may come and go at any time, so a mode stands for every subset."""
+"""Optional arcs come and go at any time: how they are written, read and kept; what is proved about them."""
 
-import re
+import itertools
+import json
+import random
+import time
+from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
-from dobc_design import Problem, Switching, Verdict, certify
+from dobc_design import Network, Problem, Switching, Verdict, certify, design, export, simulate, verify
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker import examine as checker
+from dobc_design.conditions.separable.decide import largest_rate
+from dobc_design.designer.source import python_source
 from dobc_design.errors import SpecError
-from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
+from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical, problem_sha256
+from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import read_problem_text
+from dobc_design.problem.network import Arcs
 
 HEAD = 'name = "p"\n[network]\nagents = 3\narrow = "sends_to"\n[network.modes]\n'
 TAIL = '[coupling]\nh = "y"\n[pinning]\ngains = { 1 = 1 }\n'
 G = "G = { arcs = [[1, 2], [2, 3]], optional = [[1, 3, 2], [3, 2]] }\n"
-LISTED = """G = [[1, 2], [2, 3], [1, 3, 2], [3, 2]]
-"G without optional 1" = [[1, 2], [2, 3], [3, 2]]
-"G without optional 2" = [[1, 2], [2, 3], [1, 3, 2]]
-"G without optional 1, 2" = [[1, 2], [2, 3]]
-"""
+Pairs = Sequence[Sequence[Any]]
 
 
 def read(modes: str, *, tail: str = TAIL, folder: Path | None = None) -> Problem:
     return read_problem_text((HEAD + modes + tail).encode(), folder=folder)
 
 
-def test_it_is_the_problem_with_every_subset_listed():
-    """So nothing that decides, simulates or designs can overlook one."""
-    assert canonical_bytes(read(G)) == canonical_bytes(read(LISTED))
+def loose(arcs: Any, optional: Any, *, agents: int = 3, coupling: str = "y", gains: Any = None, **more: Any) -> Problem:
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=agents, optional=optional)
+    return Problem(network=network, coupling=coupling, gains={1: 1} if gains is None else gains, **more)
 
 
-def test_arcs_may_come_from_files(tmp_path: Path):
+def listed(arcs: Pairs, optional: Pairs, **more: Any) -> Problem:
+    """The same with a mode for every subset."""
+    kept = itertools.product((False, True), repeat=len(optional))
+    modes = {f"m{k}": [*arcs, *itertools.compress(optional, each)] for k, each in enumerate(kept)}
+    return loose(modes, (), **more)
+
+
+# --- How they are written, read and kept ------------------------------------------------------------------------------
+def test_files_python_and_the_canonical_problem_say_the_same(tmp_path: Path):
     (tmp_path / "all.csv").write_text("1,2\n2,3\n")
     (tmp_path / "some.csv").write_text("1,3,2\n3,2\n")
     files = 'G = { arcs = { file = "all.csv" }, optional = { file = "some.csv" } }\n'
-    assert canonical_bytes(read(files, folder=tmp_path)) == canonical_bytes(read(G))
+    network = Network.from_arcs({"G": [[1, 2], [2, 3]]}, arrow="sends_to", optional={"G": [[1, 3, 2], [3, 2]]})
+    problem = Problem(name="p", network=network, coupling="y", gains={1: 1})
+    assert problem == read(G) == read(files, folder=tmp_path) == problem_from_canonical(canonical_bytes(problem))
+    assert read_problem_text(problem_text(problem).encode(), folder=None) == problem
+    assert problem.network.modes["G"].always == read("G = [[1, 2], [2, 3]]\n").network.modes["G"]
 
 
-def test_beside_another_mode():
-    assert list(read(G + "H = [[1, 2], [1, 3]]\n").network.modes)[-1] == "H"
+def test_only_such_a_problem_has_the_key_and_version_3():
+    document = json.loads(canonical_bytes(read(G)))
+    assert document["version"] == 3
+    assert document["modes"] == [
+        {"name": "G", "arcs": [[1, 0, "1"], [2, 1, "1"]], "optional": [[2, 0, "2"], [1, 2, "1"]]}
+    ]
+    plain = "G = [[1, 2], [2, 3]]\n"
+    assert canonical_bytes(read("G = { arcs = [[1, 2], [2, 3]], optional = [] }\n")) == canonical_bytes(read(plain))
+    older, empty = {"version": 1}, {"modes": [{"name": "G", "arcs": [], "optional": []}]}
+    for changes in (older, empty):
+        with pytest.raises(SpecError):
+            problem_from_canonical(json.dumps(document | changes).encode())
+    with pytest.raises(checker.Refused):
+        checker.examine(certificate_bytes(certify(read(G)).claims), json.dumps(document | older).encode())
 
 
 @pytest.mark.parametrize(
     ("modes", "key"),
     [
-        ("G = { arcs = [[1, 2]], optional = [] }", "network.modes.G.optional"),
-        (f"G = {{ arcs = [], optional = {[[2, 3]] * 7} }}", "network.modes.G.optional"),
         ("G = { arcs = [[1, 2]], optional = [[2, 3], [1, 2, 5]] }", "network.modes.G.optional[1]"),
         ("G = { arcs = [[1, 2]], optional = [[2, 3], [2, 3]] }", "network.modes.G.optional[1]"),
+        ("G = { arcs = [[1, 2], [3, 3]], optional = [[2, 3]] }", "network.modes.G.arcs[1]"),
         ("G = { arcs = [[1, 2]], optional = [[2, 9]] }", "network.modes.G.optional[0]"),
         ("G = { arcs = [[1, 2]], optional = [[2, 3]], more = 1 }", "network.modes.G"),
         ("G = { optional = [[2, 3]] }", "network.modes.G"),
-        ('G = { arcs = [[1, 2]], optional = [[2, 3]] }\n"G without optional 1" = [[1, 3]]', "network.modes.G"),
-        ('"G without optional 1" = [[1, 3]]\nG = { arcs = [[1, 2]], optional = [[2, 3]] }', "network.modes.G"),
     ],
 )
 def test_what_cannot_be_is_named(modes: str, key: str):
@@ -60,44 +91,178 @@ def test_what_cannot_be_is_named(modes: str, key: str):
     assert key in {each.key for each in error.value.errors}
 
 
-GUARANTEES = (
-    'guarantee = "dwell"\ndwell = 1',
-    'guarantee = "sequence"\nsequence = ["G"]\ndwell = 1',
-    'signal = "schedule"\nschedule = [[0, "G"]]',
-    'guarantee = "markov"\ngenerator = [[-3, 1, 1, 1], [1, -3, 1, 1], [1, 1, -3, 1], [1, 1, 1, -3]]',
+def test_a_mode_that_is_not_there_is_named():
+    with pytest.raises(SpecError, match="optional names a mode that arcs does not; got 'H'"):
+        loose({"G": []}, {"H": [[1, 2]]})
+
+
+@pytest.mark.parametrize(
+    "use",
+    [design, python_source, export.to_control, export.build_model, export.to_sdpa, export.to_casadi, export.to_mat],
 )
+def test_what_does_not_know_them_says_so(use: Any, tmp_path: Path):
+    more = (tmp_path / "out.mat",) if use is export.to_mat else ()
+    with pytest.raises(SpecError, match=r"network\.modes\.G\.optional: .* does not know arcs that come and go"):
+        use(read(G), *more)
 
 
-@pytest.mark.parametrize("switching", GUARANTEES)
-def test_no_guarantee_holds_them(switching: str):
-    """A guarantee is about the modes of the file, and inside of these the arcs come and go: also in problem.json, and
-    where a key is changed later."""
-    name = re.findall("guarantee|schedule", switching)[0]
-    with pytest.raises(SpecError, match=rf"switching\.{name} must be left out, because there are optional arcs"):
-        read(G, tail=f"{TAIL}[switching]\n{switching}\n")
-    listed = read(LISTED.replace("without optional", "less"), tail=f"{TAIL}[switching]\n{switching}\n")
-    document = canonical_bytes(listed).replace(b"less", b"without optional")
-    with pytest.raises(SpecError, match="optional arcs"):
-        problem_from_canonical(document)
+def test_runs_draw_them():
+    """Agent 2 hears agent 1 by an optional arc only: while it is off it stays where it is."""
+    problem = loose([], [[2, 1]], agents=2, simulation={"x0": [[1], [1]], "t_final": 10})
+    run = simulate(problem, seed=3)
+    assert {"G", "G, no optional arc"} <= set(run.switches.names)
+    off = [k for k, t in enumerate(run.times[:-1]) if "no" in run.switches.names[run.switches.at(np.array([t]))[0]]]
+    moved = np.abs(np.diff(run.x[:, 1, 0]))
+    assert len(off) > 10
+    assert np.mean(moved[off] == 0) > 0.5  # but where a sample interval holds a switch
+    assert run.final_error < 1
+    assert simulate(problem, seed=3).final_error == run.final_error != simulate(problem, seed=4).final_error
 
 
-def test_nor_is_one_added_later():
-    with pytest.raises(SpecError, match="optional arcs"):
-        Problem(network=read(G).network, coupling="y", switching=Switching(guarantee="dwell", dwell=1))
+# --- What is proved ---------------------------------------------------------------------------------------------------
+KINDS = ("y", "exp(y) - 1 + y", "tanh(y)", "-y/2", "sin(2*y) - y/4", "y - y**3/4")
 
 
-def test_a_proof_holds_for_every_subset():
-    found = certify(read(G))
+@pytest.mark.parametrize("seed", range(8))
+def test_rows_have_the_rate_of_all_vertices(seed: int):
+    """Oracle: the 2^k graphs listed as modes, k <= 4, with couplings that rise, fall and turn."""
+    rng = random.Random(seed)
+    n = rng.choice([2, 3, 4])
+    pairs = [(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j]
+    rng.shuffle(pairs)
+    k = rng.randint(1, min(4, len(pairs)))
+    arcs, optional = ([[*p, rng.choice(["1", "2", "1/3"])] for p in each] for each in (pairs[k : 2 * k], pairs[:k]))
+    exceptions = {(optional[0][0] - 1, optional[0][1] - 1): rng.choice(KINDS)} if rng.random() < 0.5 else {}
+    gains = {i: rng.choice([2, 5, 20]) for i in range(1, n + 1) if i < 3 or rng.random() < 0.7}
+    given: Any = {"agents": n, "coupling": rng.choice(KINDS), "gains": gains, "exceptions": exceptions}
+    v, rho = tuple(Fraction(rng.randint(70, 140), 100) for _ in range(n)), Fraction(rng.randint(1, 20), 10)
+    own, every = (largest_rate(make(arcs, optional, **given), v, rho=rho) for make in (loose, listed))
+    assert own == every or (own and every and abs(own / every - 1) < Fraction(1, 10**4))
+
+
+def chain_with(count: int, *, coupling: str, seed: int = 3) -> tuple[Pairs, Pairs]:
+    rng, found = random.Random(seed), list[list[int]]()
+    while len(found) < count:
+        arc = [rng.randint(2, 8), rng.randint(1, 8)]
+        if arc[0] - arc[1] not in (0, 1) and arc not in found:
+            found.append(arc)
+    return [[i, i - 1] for i in range(2, 9)], found
+
+
+def test_twelve_arcs_take_one_certificate():
+    """4096 graphs in one row of each agent.  Oracle: the rows written out by hand."""
+    arcs, optional = chain_with(12, coupling="y")
+    problem = loose(arcs, optional, agents=8, gains={1: 3}, coupling="y")
+    v = tuple(2 - Fraction(1, 20) ** i for i in range(8))
+    begin = time.perf_counter()
+    rate = largest_rate(problem, v, rho=None)
+    assert time.perf_counter() - begin < 0.5
+    pulls = [3 if i == 0 else 0 for i in range(8)]
+    worst = []  # by hand: of each agent the arcs that are always there, and the optional ones that push it outward
+    for i in range(8):
+        sure = sum(v[j - 1] - v[i] for a, j in arcs if a == i + 1)
+        worst.append(
+            pulls[i] - (sure + sum(max(v[j - 1] - v[i], Fraction(0)) for a, j in optional if a == i + 1)) / v[i]
+        )
+    assert rate is not None
+    assert abs(rate / min(worst) - 1) < Fraction(1, 10**6)
+    found = certify(problem)
     assert found.verdict is Verdict.PROVED
-    assert len([check for check in found.claims.checks if check.id == "reachability"]) == 4
+    assert verify(found.claims, problem).holds
 
 
-def test_an_arc_that_may_be_missing_reaches_nobody():
-    found = certify(read("G = { arcs = [[1, 2]], optional = [[2, 3]] }\n"))
-    assert found.verdict is Verdict.UNDECIDED
-    assert "in mode G without optional 1 no pinned agent reaches agent 3" in found.reason
+@pytest.mark.parametrize(
+    ("arcs", "optional", "gains", "coupling", "verdict"),
+    [
+        # x' = [[-k + s, -s], [0, -1]] x, s in [0, 1]: decays iff k > 1 (constant s = 1 is allowed)
+        ([], [[1, 2]], {1: "11/10", 2: 1}, "-y", Verdict.PROVED),
+        ([], [[1, 2]], {1: 1, 2: 1}, "-y", Verdict.UNDECIDED),
+        # an agent that hears nobody for certain
+        ([[2, 1]], [[3, 2]], {1: 1}, "y", Verdict.UNDECIDED),
+        ([[2, 1], [3, 2]], [[3, 1]], {1: 1}, "y", Verdict.PROVED),
+        # nobody at all, not even now and then
+        ([[2, 1]], [[2, 3]], {1: 1}, "y", Verdict.REFUTED),
+        ([[2, 1]], [[2, 3]], {1: 1}, "exp(y) - 1 + y", Verdict.REFUTED),
+    ],
+)
+def test_known_answers(arcs: Pairs, optional: Pairs, gains: Any, coupling: str, verdict: Verdict):
+    problem = loose(arcs, optional, gains=gains, coupling=coupling, agents=max(max(a[:2]) for a in [*arcs, *optional]))
+    found = certify(problem)
+    assert found.verdict is verdict, found.reason
+    assert verify(found.claims, problem).holds
 
 
-def test_arbitrary_switching_is_no_guarantee():
-    tail = f'{TAIL}[switching]\nguarantee = "arbitrary"\nsignal = "random"\ndwell = 1\n'
-    assert len(read(G, tail=tail).network.modes) == 4
+def test_an_agent_that_may_lose_all_its_arcs_is_named_with_what_would_help():
+    reason = certify(loose([[2, 1]], [[3, 2]])).reason
+    assert "in mode G no pinned agent reaches agent 3 by arcs that are always there. Pin agent 3." in reason
+    assert "An arc that is always there would help as well: in this mode or, with a guarantee" in reason
+
+
+TURNS = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
+DRAWN = Switching(guarantee="markov", generator=[[-1, 1], [1, -1]])
+
+
+@pytest.mark.parametrize(
+    ("arcs", "optional", "switching", "verdict"),
+    [
+        ({"A": [[3, 2]], "B": [[2, 1]]}, {"A": [[1, 2]], "B": [[1, 3], [2, 3]]}, TURNS, Verdict.PROVED),
+        ({"A": [[2, 1]], "B": []}, {"B": [[3, 2]]}, TURNS, Verdict.REFUTED),  # never on: agent 3 hears nobody
+        ({"A": [[3, 2]], "B": [[2, 1]]}, {"A": [[1, 2]]}, DRAWN, Verdict.PROVED),
+        ({"A": [[2, 1]], "B": [[2, 1]]}, {"B": [[3, 2]]}, DRAWN, Verdict.UNDECIDED),
+    ],
+)
+def test_beside_a_guarantee(arcs: Any, optional: Any, switching: Switching, verdict: Verdict):
+    problem = loose(arcs, optional, switching=switching)
+    found = certify(problem)
+    assert found.verdict is verdict, found.reason
+    assert verify(found.claims, problem).holds
+    if verdict is not Verdict.PROVED:
+        assert "by arcs that are always there" in " ".join([found.reason, *(each.reason for each in found.checks)])
+
+
+FORGED = [  # arcs that are needed, and with which couplings; the check that is proved with them
+    ({"A": [[2, 1]], "B": [[2, 1], [1, 2]]}, {1: 1, 2: "1/10"}, "y", {}, "lemma1"),
+    ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "y", {}, "theorem2-weighted"),
+    ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "tanh(y)", {}, "max-separable"),
+    ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "y", {}, "max-separable"),
+    ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "y", {}, "lure"),
+    ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "tanh(y)", {"uncertainty": {"disturbance": "1/50"}}, "accuracy"),
+    ({"A": [[2, 1]], "B": [[2, 1]]}, {1: 1}, "tanh(y)", {}, "settling"),
+    ({"A": [[2, 1]], "B": []}, {1: 1}, "y", {"switching": TURNS}, "schedule"),
+    ({"A": [[2, 1]], "B": []}, {1: 1}, "tanh(y)", {"switching": TURNS}, "schedule"),
+    ({"A": [[2, 1]], "B": []}, {1: 1}, "y", {"switching": DRAWN}, "markov"),
+]
+
+
+@pytest.mark.parametrize(("arcs", "gains", "coupling", "more", "id"), FORGED)
+def test_what_needs_an_arc_is_refused_by_both_programs_where_it_may_be_absent(
+    arcs: Any, gains: Any, coupling: str, more: Any, id: str
+):
+    """The claims of the problem whose arcs are always there, put beside the one whose arc from 1 to 2 is optional."""
+    region = {} if coupling == "y" else {"region": {"initial_states": [-1, 1]}}
+    given: Any = {"agents": 2, "gains": gains, "coupling": coupling, **region, **more}
+    honest = loose(arcs, (), **given)
+    modes = {name: [arc for arc in each if arc != [2, 1]] for name, each in arcs.items()}
+    optional = {name: [arc for arc in each if arc == [2, 1]] for name, each in arcs.items()}
+    problem = loose(modes, optional, **given)
+    claims = certify(honest, everything=coupling == "y", settling="1/2" if id == "settling" else None).claims
+    checks = [each for each in claims.checks if each.id == id]
+    assert checks
+    assert all(each.verdict is Verdict.PROVED for each in checks)
+    document = json.loads(certificate_bytes(claims)) | {"problem_sha256": problem_sha256(problem)}
+    data = json.dumps(document).encode()
+    titles = {each.title for each in checks}
+    assert titles & {text.partition(":")[0] for text in _refused(recheck(data, problem).failures, titles)}
+    refused = [text for holds, text in checker.examine(data, canonical_bytes(problem)) if not holds]
+    assert any(text.startswith(id) for text in refused), refused
+
+
+def _refused(failures: Sequence[str], titles: set[str]) -> list[str]:
+    return [f"{title}:" for title in titles if any(text.startswith(f"{title}: ") for text in failures)]
+
+
+def test_a_part_of_a_mode_is_always_there():
+    arcs = read(G).network.modes["G"]
+    assert (len(arcs), arcs.optional, len(arcs.always), len(arcs.present)) == (4, 2, 2, 4)
+    assert arcs != arcs.present == Arcs(arcs.listeners, arcs.speakers, arcs.weights)
+    assert arcs.uncertain.tolist() == [False, False, True, True]

@@ -76,6 +76,7 @@ def _bent_boxes() -> Iterator[Case]:
     yield case("wavy", FAILS, changed(WAVY, outer="12.5"), what="outer")
     for half in ("0", "-7/2", "3.45", "55/16", "3.5001", f"{7 * 2**20 + 1}/{2**21}", str(2**2000), f"7/{2**2000}"):
         yield case("wavy", FAILS, changed(WAVY, half=half), what=f"half {half[:20]}")
+    yield case("wavy, loose", FAILS, WAVY, what="boxes where an arc comes and goes")
     yield case("wavy, observed", FAILS, changed(SEEN, P=[["0.1596"]]), what="S")
     yield case("wavy, observed", FAILS, changed(SEEN, domain=ball(3.4638, 0.1)), what="ball with a disturbance")
     shell = quadratic("2/5", "1", "1", None, None, outer="2", half="2", tree=".")

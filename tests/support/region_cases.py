@@ -14,7 +14,7 @@ from typing import Any
 import mpmath
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, bend, network, scalar
 
-from dobc_design import Exosystem, Observer, Problem, certify
+from dobc_design import Exosystem, Network, Observer, Problem, certify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem.canonical import canonical_bytes
@@ -97,6 +97,7 @@ def _settings() -> dict[str, Document]:
         "list": given(["y1 + y2**3", "y2"], network=LINE_NET, **plane),
         "straight list": given(["y1 + y2", "y2"], network=LINE_NET, **plane),
         "wavy": given("sin(y)"),
+        "wavy, loose": given("sin(y)", network=Network.from_arcs([[1, 2]], arrow="listens_to", optional=[[2, 1]])),
         "wavy, observed": given("sin(y)", **WATCHED | {"region": asked(1, "1/10")}),
         "tangent": given("tan(y)", region=asked(2)),
         "root": given("sqrt(1 + y) - 1"),

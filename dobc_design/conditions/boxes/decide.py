@@ -144,6 +144,8 @@ def build_forms(problem: Problem, lure: Lure, *, S: Matrix | None, rate: Fractio
     size, m = problem.n * problem.m, problem.m
     if size > LARGEST:
         raise SpecError(f"the exhaustive method takes at most {LARGEST} rows n m; got {size}.", key="network.agents")
+    if (loose := problem.network.loose) is not None:
+        raise SpecError(f"the exhaustive method does not apply: arcs of mode {loose} come and go.", key="network.modes")
     if problem.node is not None or not all(coupling.by_component for coupling in problem.couplings):
         raise SpecError("the exhaustive method needs couplings that act by component.", key="coupling.h")
     if lure.P_e.size != size:

@@ -176,6 +176,8 @@ def exhaustive_stage(asked: Asked, report: Progress) -> list[Check]:
     reason = quadratic_obstacle(problem, asked.W)
     if reason is None and not acts_by_component(problem):
         reason = "does not apply: the exhaustive method needs couplings that act on each state component by itself."
+    if reason is None and problem.network.loose is not None:
+        reason = f"does not apply: arcs of mode {problem.network.loose} come and go."
     if reason is not None:
         return [undecided_check("exhaustive", asked.domain, reason, applies=False)] if asked.everything else []
     report("deciding the region (exhaustive)")

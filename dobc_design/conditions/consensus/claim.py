@@ -8,8 +8,9 @@ With a rate beta > 0, 2 beta diag(I, I (x) P) is added, and V' <= -2 beta V foll
 (symmetric, q x q) and Q (q x m); W = P^-1 Q.  Lemma 1 is Lambda < 0 and has no unknowns.
 
 dh/de is enclosed arc by arc (11) at the consensus, where each gain is h'(0) of the arc: a point when it is rational,
-else a narrow outward interval.  Lambda of a large network is stated in arrays of integers: slopes are exact where a
-common denominator of 512 bits holds them all; others become the nearest float with a deviation that reaches over their
+else a narrow outward interval; that of an optional arc lies between 0 and that.  Lambda of a large network is stated in
+arrays of integers: slopes are exact where a common denominator of 512 bits holds them all; others become the nearest
+float with a deviation that reaches over their
 whole enclosure.
 """
 
@@ -99,10 +100,11 @@ def jacobians_at_consensus(problem: Problem) -> Jacobians:
     for name, arcs in problem.network.modes.items():
         table = arc_table(problem, name)
         width = max(1, len(table.weights))
-        pairs, kinds = np.unique(table.coupling * width + table.weight, return_inverse=True)
+        places = (table.coupling * width + table.weight) * 2 + arcs.uncertain
+        pairs, kinds = np.unique(places, return_inverse=True)
         gains: list[Gain] = []
-        for coupling, place in (divmod(pair, width) for pair in pairs.tolist()):
-            scale = Interval.point(table.weights[place])
+        for (coupling, place), loose in ((divmod(pair // 2, width), pair % 2) for pair in pairs.tolist()):
+            scale = Interval(ZERO if loose else table.weights[place], table.weights[place])
             gains.append(tuple(tuple(entry * scale for entry in row) for row in slopes[coupling]))
         kinds.setflags(write=False)
         modes.append(ModeJacobian(name=name, arcs=arcs, kind=kinds, gains=tuple(gains)))

@@ -125,7 +125,7 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
     arcs = problem.network.modes[mode]
     vector = find_witness(matrix, [*network.group_directions(problem, arcs), *proposal.vectors])
     if vector is None:
-        reason = f"lambda_max(Lambda) {network.why_undecided(matrix)}"
+        reason = f"lambda_max(Lambda) {network.why_undecided(problem, matrix)}"
         return check(verdict=Verdict.UNDECIDED, reason=reason)
     value, roots = matrix.value(vector), unstable_roots(statements, mode)
     return check(
@@ -206,7 +206,7 @@ def theorem_check(
         )
     matrices = [enclosed_lambda(statements, mode) for mode in statements.lambdas]
     widest = max(matrices, key=lambda each: len(each.deviations))
-    return undecided(reason=f"lambda_max of Lambda + I (x) S {network.why_undecided(widest)}")
+    return undecided(reason=f"lambda_max of Lambda + I (x) S {network.why_undecided(statements.problem, widest)}")
 
 
 def schur_block(pair: Pair, exosystem: Exosystem, *, rate: Fraction = ZERO) -> Matrix | None:

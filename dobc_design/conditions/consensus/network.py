@@ -136,8 +136,10 @@ def _shorter(matrix: SparseSymmetric) -> SparseSymmetric | None:
     return SparseSymmetric(matrix.size, rounded).shifted(-unit / 2 * max(lengths.values()))
 
 
-def why_undecided(matrix: Enclosed) -> str:
+def why_undecided(problem: Problem, matrix: Enclosed) -> str:
     """What to say where neither M < 0 nor a witness against it was found."""
+    if problem.network.loose is not None:
+        return "is not shown to be < 0 where the gain of every optional arc is any number from 0 to w h'(0)."
     if matrix.deviations:
         return "is too close to 0 for the enclosures of the irrational slopes of h; change a gain a little."
     return (
@@ -213,6 +215,7 @@ def reachability_check(problem: Problem, mode: str) -> Check:
     if not labels:
         return check(verdict=Verdict.PROVED, reason="every agent is reached from a pinned agent.")
     pins = f"no pinned agent reaches {name_agents(labels)}" if problem.pinning.agents else "there is no pinned agent"
+    pins += " by arcs that are always there" if arcs[0].optional and problem.pinning.agents else ""
     reason = (
         f"{pins}{', so that agents there have only their own dynamics' if own else ''}. {cure_in_words(problem, arcs)}"
     )
@@ -256,7 +259,10 @@ def group_directions(problem: Problem, arcs: Arcs) -> list[list[float]]:
     """For closed groups of one mode whose gains leave a direction c free, of few agents first: the group moved along c.
     The group listens to nobody outside and k_i c = 0 in it, so J e = 0 and e'K e = 0: the value is exactly 0.  A few
     are enough, some of them without pins."""
-    groups, pinned = sorted(unheld_groups(problem, [arcs]), key=lambda each: len(each[0])), set(problem.pinning.agents)
+    groups, pinned = (
+        sorted(unheld_groups(problem, [arcs.present]), key=lambda x: len(x[0])),
+        set(problem.pinning.agents),
+    )
     loose, found = [each for each in groups if not pinned & set(each[0])], []
     for group, free in [*groups[:SHOWN], *loose[:SHOWN]]:
         vector = np.zeros((problem.n, problem.m))

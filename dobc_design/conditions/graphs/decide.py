@@ -96,7 +96,7 @@ def signals_in_words(problem: Problem, check: Check) -> str:
         return f"{how} for the Markov signal, whatever its first mode"
     if check.id == "safety":
         return "for every graph and every motion"
-    return "under arbitrary switching of the modes" if len(problem.network.modes) > 1 else ""
+    return "under arbitrary switching of the modes" if problem.network.switches else ""
 
 
 ZERO = Fraction(0)
@@ -166,10 +166,11 @@ def _mean(problem: Problem, claim: Kept, generator: Matrix, rate: Fraction) -> I
         for q, other in enumerate(weights.values()):
             if rates[q]:
                 rows = [row + rates[q] * x for row, x in zip(rows, other, strict=True)]
-        for i, j, weight in problem.network.modes[mode]:
+        arcs = problem.network.modes[mode]
+        for (i, j, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
             slope = slopes[problem.coupling_place(i, j)]
             rows[j] += weight * slope.hi * w[i]
-            rows[i] -= weight * slope.lo * w[i]
+            rows[i] -= ZERO if loose else weight * slope.lo * w[i]
         yield max(rows) <= 0, f"a row does not hold in mode {mode}."
 
 
@@ -195,10 +196,14 @@ def apart_check(problem: Problem, domain: str) -> Check | None:
     names = list(problem.network.modes)
     for each in closed_classes(generator_of(problem) or ()):
         modes = [names[p] for p in each]
-        labels = tuple(problem.network.labels[i] for i in unreached(problem, [problem.network.modes[x] for x in modes]))
+        arcs = [problem.network.modes[mode] for mode in modes]
+        labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
         if labels:
             reason = f"the Markov signal never leaves {', '.join(modes)}, and there no pinned agent reaches"
-            reason += f" {name_agents(labels)}: starts in which all of these have the same error stay as they are."
+            sure = " by arcs that are always there" if any(each.optional for each in arcs) else ""
+            reason += (
+                f" {name_agents(labels)}{sure}: starts in which all of these have the same error stay as they are."
+            )
             lost = partial(Check, claim=Values({"modes": modes}), witness=Witness(kind="agents", labels=labels))
             return lost(id="markov", verdict=Verdict.REFUTED, domain=domain, reason=reason)
     return None

@@ -61,7 +61,9 @@ def mean_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept | 
         table = arc_table(problem, mode)
         entries = to_float((table.weights,))[0][table.weight] * slopes[table.coupling]
         A = sparse.csr_array((entries, (table.listeners, table.speakers)), shape=(n, n))
-        blocks.append((A - sparse.diags_array(A.sum(axis=1) + to_float((holding_gains(problem),))[0])).T)
+        sure = np.where(modes[mode].uncertain, 0.0, entries)  # what an agent gives away for certain
+        away = np.bincount(table.listeners, weights=sure, minlength=n)
+        blocks.append((A - sparse.diags_array(away + to_float((holding_gains(problem),))[0])).T)
     chain = sparse.kron(sparse.csr_array(to_float(generator)), sparse.eye_array(n))
     M = sparse.csr_array(-(sparse.block_diag(blocks) + chain))
     w = _weights(M, 0.0)

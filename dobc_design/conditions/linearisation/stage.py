@@ -22,7 +22,7 @@ def linearisation_stage(
     problem: Problem, statements: Statements, checks: Sequence[Check], W: Matrix | None
 ) -> list[Check]:
     """The check, where the question is local and open: one mode, all agents reached, nothing proved so far."""
-    if len(problem.network.modes) > 1 or any(unreached(problem, [arcs]) for arcs in problem.network.modes.values()):
+    if problem.network.switches or any(unreached(problem, [arcs]) for arcs in problem.network.modes.values()):
         return []
     if (problem.region is not None and not problem.is_linear) or any(
         covers(problem, check, checks) for check in checks

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dobc_design.conditions.quadratic.sectors import GainRange
 from dobc_design.coupling.coupling import Coupling
@@ -48,7 +47,7 @@ class _Template:
     where: Indices
     weight: Array
     known: Array
-    curved: NDArray[np.bool_]
+    curved: Array  # 2 or more for arcs that come and go
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -161,15 +160,15 @@ def make_templates(problem: Problem) -> Templates:
     modes = []
     for name, arcs in problem.network.modes.items():
         table = [
-            (kind, c, d, i * m + c, j * m + d, i * m + d, curved, nearest(weight), 0.0)
-            for i, j, weight in arcs
+            (kind, c, d, i * m + c, j * m + d, i * m + d, curved + 2 * loose, nearest(weight), 0.0)
+            for (i, j, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True)
             for kind in (problem.coupling_place(i, j),)
             for c, d, curved in entries[kind]
         ]
         columns = np.array(table + nodes, dtype=float).reshape(-1, 9).T
         place, where = np.split(columns[:6].astype(np.intp), 2)
         modes.append(
-            _Template(name=name, place=place, where=where, curved=columns[6] > 0, weight=columns[7], known=columns[8])
+            _Template(name=name, place=place, where=where, curved=columns[6], weight=columns[7], known=columns[8])
         )
     return Templates(size=size, K=K, modes=tuple(modes))
 
@@ -192,13 +191,15 @@ def float_loop(templates: Templates, gains: Gains, *, radius: float | None, S: A
     modes = []
     for mode in templates.modes:
         bottom, above = (mode.weight * end[tuple(mode.place)] - mode.known for end in (low, high))
+        loose, curved = mode.curved > 1, mode.curved > 0
+        bottom, above = np.where(loose, np.minimum(bottom, 0), bottom), np.where(loose, np.maximum(above, 0), above)
         middle, A = (bottom + above) / 2, np.pad(-templates.K, (0, 1))
         target, plus, minus = mode.where
         np.add.at(A, (target, plus), middle)
         np.add.at(A, (target, minus), -middle)
         A = A[:-1, :-1]
-        d = np.maximum((above - bottom) / 2, _NARROW * np.maximum(np.abs(middle), 1e-300))[mode.curved]
-        modes.append(FloatMode(name=mode.name, A=A, where=mode.where[:, mode.curved], d=d))
+        d = np.maximum((above - bottom) / 2, _NARROW * np.maximum(np.abs(middle), 1e-300))[curved]
+        modes.append(FloatMode(name=mode.name, A=A, where=mode.where[:, curved], d=d))
     pairs = [np.sort(mode.where[1:].T, axis=1) for mode in modes]
     ends = np.unique(np.concatenate(pairs), axis=0) if radius is not None else np.zeros((0, 2), dtype=np.intp)
     reach = np.full(len(ends), radius or 0.0)

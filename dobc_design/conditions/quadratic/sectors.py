@@ -2,7 +2,8 @@
 
 Theory, sections 1 and 4.  A coupling by component has the secant gain g(y) = h(y)/y, one channel per component.  A
 coupling of vectors has Jbar(y) = int_0^1 J(s y) ds with h(y) = Jbar(y) y, one channel per entry of Jbar, which lies in
-the hull of J over the box.  Both hold with Clarke's slopes where h has a kink.
+the hull of J over the box.  Both hold with Clarke's slopes where h has a kink.  An arc that comes and goes has every
+gain from 0 to those.
 """
 
 from __future__ import annotations
@@ -126,12 +127,14 @@ def build_sectors(problem: Problem, ranges: Sequence[GainRange], *, radius: Frac
     modes: dict[str, tuple[Channel, ...]] = {}
     for name, arcs in problem.network.modes.items():
         channels: list[Channel] = []
-        for listener, speaker, weight in arcs:
+        for (listener, speaker, weight), loose in zip(arcs, arcs.uncertain.tolist(), strict=True):
             entries = table.get(problem.coupling_place(listener, speaker))
             if entries is None or [len(row) for row in entries] != [m] * m:
                 what = f"mode {name}: the coupling of arc {(listener, speaker)} needs a range of shape ({m}, {m})"
                 cure = "Make them with enclose_ranges, with the same radius."
                 raise SpecError(f"{what} at the radius {radius}.", key="ranges", cure=cure)
+            if loose:
+                entries = tuple(tuple(gain.hull(_ZERO) for gain in row) for row in entries)
             first, other = listener * m, speaker * m
             channels += [
                 Channel(target=first + c, plus=other + d, minus=first + d, low=weight * gain.lo, high=weight * gain.hi)

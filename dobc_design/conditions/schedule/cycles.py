@@ -265,9 +265,10 @@ def unreached_cycles(problem: Problem, phases: Sequence[Phase]) -> Iterator[tupl
 
 
 def first_unreached(problem: Problem, modes: Sequence[str]) -> str | None:
-    """The label of an agent that no pin which holds reaches in these modes together; None if there is none."""
+    """The label of an agent that no pin which holds reaches in these modes together, by arcs that are always there;
+    None if there is none."""
     heard: dict[int, set[int]] = {}
-    for arcs in (problem.network.modes[mode] for mode in modes):
+    for arcs in (problem.network.modes[mode].always for mode in modes):
         for i, j in zip(arcs.listeners.tolist(), arcs.speakers.tolist(), strict=True):
             heard.setdefault(j, set()).add(i)
     waiting = [i for i, gain in enumerate(holding_gains(problem)) if gain > 0]

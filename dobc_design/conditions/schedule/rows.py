@@ -111,6 +111,7 @@ class MovingRows:
         apart = [Box.differ(box.same[:, own][:, speakers], box.same[:, own][:, owners]) for box in boxes]
         wide = [up(box.above[:, own][:, speakers] - box.below[:, own][:, owners]) for box in boxes]
         steps = np.maximum.reduce([np.where(a, b, 0.0) for a, b in zip(apart, wide, strict=True)]).ravel()
+        steps = np.maximum(steps, np.tile(self.layout.floor, count))
         reaches = [up(box.above[:, other][:, speakers] + box.above[:, own][:, owners]) for box in boxes]
         reaches = np.maximum.reduce(reaches).ravel()
         first = (self.layout.start[None, :-1] + len(owners) * np.arange(count)[:, None]).ravel()

@@ -4,9 +4,11 @@ For v > 0, a rate alpha and a radius rho the rows ask, for all s in (0, rho], ev
 
     upper:  sum_j w sup { h_ij(y) : -s (v_i + v_j) <= y <= s (v_j - v_i) } - k_i s v_i <= -alpha s v_i
 
-and the same for the lower face, whose couplings are -h_ij(-y).  Then N(e) = max_i |e_i|/v_i decays at the rate alpha
-while N <= rho.  No monotonicity is needed.  Arcs that look alike share a term, so rows stay short.  Also whether one v
-can serve all modes at all: for nondecreasing couplings an order of the agents decides it, in time linear in the arcs.
+and the same for the lower face, whose couplings are -h_ij(-y).  An arc that comes and goes adds at most the supremum
+over y from -s (v_i + v_j) to the larger of s (v_j - v_i) and 0, where h(0) = 0.  Then N(e) = max_i |e_i|/v_i decays at
+the rate alpha while N <= rho.  No monotonicity is needed.  Arcs that look alike share a term, so rows stay short.
+Also whether one v can serve all modes at all: for nondecreasing couplings an order of the agents decides it, in time
+linear in the arcs.
 """
 
 from __future__ import annotations
@@ -228,28 +230,32 @@ def rows(
     gains: Sequence[Fraction] | None = None,
     agents: Collection[int] | None = None,
     errors: Errors = EXACT,
+    loose: bool = True,
 ) -> Iterator[tuple[Row, Place]]:
     """List the different rows of the given modes (default: all); both faces have the same terms.  ``stretch`` >= 1
     multiplies the v_j of those who are listened to (delays, theory section 5). ``gains``: one per agent in place of
     ``holding_gains``.  ``agents``: only theirs.  ``errors``: weights and gains take their worse ends; where h may have
-    either sign, the part of a weight that is unsure counts with the largest h on -s reach <= y <= 0.
+    either sign, the part of a weight that is unsure counts with the largest h on -s reach <= y <= 0.  ``loose``: so
+    does an optional arc where it would pull inward, since it may be absent; False: all arcs are there.
     Raises: ShapeError unless v has one entry per agent."""
     require_one_per_agent(problem, v)
     gains = holding_gains(problem, error=errors.gains) if gains is None else gains
     found: dict[Row, Place] = {}
     for mode in problem.network.modes if modes is None else modes:
         chosen: Collection[int] = range(problem.n) if agents is None else agents
-        terms: dict[int, dict[tuple[int, Fraction], Fraction]] = {i: {} for i in chosen}
+        terms: dict[int, dict[tuple[int, Fraction, bool], Fraction]] = {i: {} for i in chosen}
         arcs = problem.network.modes[mode]
+        sure = len(arcs) - arcs.optional if loose else len(arcs)
         heard_by = np.arange(len(arcs)) if agents is None else np.flatnonzero(np.isin(arcs.listeners, list(agents)))
         ends = zip(arcs.listeners[heard_by].tolist(), arcs.speakers[heard_by].tolist(), strict=True)
         for arc, (i, j) in zip(heard_by.tolist(), ends, strict=True):
-            key = (problem.coupling_place(i, j), v[j])
+            key = (problem.coupling_place(i, j), v[j], arc >= sure)
             terms[i][key] = terms[i].get(key, Fraction(0)) + arcs.weights[arc]
         for i, heard in terms.items():
             parts: list[Term] = []
-            for (coupling, other), weight in sorted(heard.items()):
+            for (coupling, other, absent), weight in sorted(heard.items()):
                 reach, step = stretch * other + v[i], stretch * other - v[i]
+                step = max(step, Fraction(0)) if absent else step
                 parts.append(
                     Term(coupling, weight * (1 + (errors.weights if step >= 0 else -errors.weights)), reach, step)
                 )
@@ -263,7 +269,7 @@ def rows(
 
 def stuck_agents(problem: Problem) -> dict[int, str]:
     """The agents (indices) that no common v can hold, each with a mode in which its pin does not hold it and it hears
-    nobody outside of them; empty if there are none.
+    nobody outside of them by an arc that is always there; empty if there are none.
 
     Then no rows with alpha > 0 hold for any v > 0, whatever the couplings: take the agent of the set with the least v.
     Else the agents have an order in which each is pinned or hears an earlier one in every mode; for couplings that are
@@ -272,7 +278,7 @@ def stuck_agents(problem: Problem) -> dict[int, str]:
     names = list(problem.network.modes)
     # Who listens to each agent: agent j is heard by listener[start[j]:start[j + 1]].
     listeners = []
-    for arcs in problem.network.modes.values():
+    for arcs in (each.always for each in problem.network.modes.values()):
         order = np.argsort(arcs.speakers, kind="stable")
         start = np.searchsorted(arcs.speakers[order], np.arange(problem.n + 1))
         listeners.append((start.tolist(), arcs.listeners[order].tolist()))
@@ -298,5 +304,5 @@ def is_stuck(problem: Problem, agents: Sequence[int]) -> bool:
     """Whether every one of these agents has a mode in which it is not pinned and hears nobody outside them."""
     group, gains, free = set(agents), holding_gains(problem), set[int]()
     for arcs in problem.network.modes.values():
-        free |= {agent for agent in group if gains[agent] <= 0} - {i for i, j, _ in arcs if j not in group}
+        free |= {agent for agent in group if gains[agent] <= 0} - {i for i, j, _ in arcs.always if j not in group}
     return bool(group) and free == group

@@ -283,13 +283,15 @@ class Kinds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Layout:
-    """All arcs by rows; agent i of the k-th mode has row k n + i.  ``start`` and ``weights`` as in ArcRows."""
+    """All arcs by rows; agent i of the k-th mode has row k n + i.  ``start`` and ``weights`` as in ArcRows.  ``floor``:
+    the least step of each arc: 0 of those that come and go (``claim.rows``), -inf of others."""
 
     rows: Any
     speakers: Any
     start: Any
     kinds: Any
     weights: tuple[Array, Array] | None
+    floor: Array
 
 
 def arc_layout(problem: Problem, *, modes: Sequence[str] | None = None, errors: Errors = EXACT) -> Layout:
@@ -313,13 +315,19 @@ def arc_layout(problem: Problem, *, modes: Sequence[str] | None = None, errors: 
         start=np.searchsorted(listeners, np.arange(problem.n * len(graphs) + 1)),
         kinds=_stacked([coupling_places(problem, arcs) for arcs in graphs])[order],
         weights=weights,
+        floor=np.where(_stacked([arcs.uncertain for arcs in graphs]), 0.0, -np.inf)[order],
     )
 
 
 def arc_rows(
-    problem: Problem, v: Sequence[Fraction], *, stretch: Fraction | int = 1, errors: Errors = EXACT
+    problem: Problem,
+    v: Sequence[Fraction],
+    *,
+    stretch: Fraction | int = 1,
+    errors: Errors = EXACT,
+    loose: bool = True,
 ) -> ArcRows:
-    """Bring all modes into arrays, rounded so that rows only become harder to satisfy."""
+    """Bring all modes into arrays, rounded so that rows only become harder to satisfy.  ``loose`` as in ``rows``."""
     modes, layout = len(problem.network.modes), arc_layout(problem, errors=errors)
     listeners, speakers = layout.rows, layout.speakers
     low, high = _floats(v)
@@ -329,9 +337,10 @@ def arc_rows(
     steps = other - own
     # The difference of two floats within a factor of two of each other has no rounding.
     near = (other <= 2 * own) & (own <= 2 * other)
+    steps = np.where(near, steps, up(steps))
     return ArcRows(
         start=layout.start,
-        steps=np.where(near, steps, up(steps)),
+        steps=np.maximum(steps, layout.floor) if loose else steps,
         reaches=up(other + high[listeners]),
         weights=layout.weights,
         kinds=layout.kinds,

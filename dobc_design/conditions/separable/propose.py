@@ -50,6 +50,7 @@ class Group:
     h: Callable[[Array], Array]
     tops: tuple[Array, Array]
     bottoms: tuple[Array, Array]
+    loose: bool = False  # they come and go
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,8 +118,9 @@ def field_of(problem: Problem, *, rho: float) -> Field:
     modes = []
     for arcs in problem.network.modes.values():
         i, j, w = arcs.listeners, arcs.speakers, np.array([float(weight) for weight in arcs.weights])
-        parts = split_by(coupling_places(problem, arcs))
-        modes.append(tuple(Group(i[own], j[own], w[own], *shapes[kind]) for kind, own in parts))
+        parts = split_by(2 * coupling_places(problem, arcs) + arcs.uncertain)
+        groups = (Group(i[own], j[own], w[own], *shapes[kind // 2], loose=kind % 2 > 0) for kind, own in parts)
+        modes.append(tuple(groups))
     total = 1 + sum(map(len, problem.network.modes.values()))
     count = int(np.clip(WORK // total, COARSEST, FINEST))
     return Field(
@@ -152,6 +154,7 @@ def _extremes(h: Callable[[Array], Array], *, radius: float) -> tuple[tuple[Arra
 
 def _sup(group: Group, face: int, s: float | Array, own: Array, other: Array) -> tuple[Array, Any]:
     """phi = sup { h(s t)/s : -(own + other) <= t <= other - own }; where: 0 right end, 1 left end, 2 inside."""
+    other = np.maximum(own, other) if group.loose else other
     high, low = s * (other - own), -s * (other + own)
     best = face * group.h(face * high) / s
     where = np.zeros(best.shape, dtype=np.int64)
@@ -171,6 +174,8 @@ def _sup(group: Group, face: int, s: float | Array, own: Array, other: Array) ->
 def _derivatives(group: Group, face: int, s: float, own: Array, other: Array) -> tuple[Array, Array]:
     """The derivatives of phi in own and other."""
     where = _sup(group, face, s, own, other)[1]
+    if group.loose:
+        where, other = np.where((where == 0) & (other < own), 2, where), np.maximum(own, other)
     at = face * s * np.where(where == 1, -(own + other), other - own)
     step = STEP * (1.0 + np.abs(at))
     slope = (group.h(at + step) - group.h(at - step)) / (2 * step)

@@ -7,7 +7,8 @@ kept for delays up to tau (Razumikhin, Halanay), once an observer error that dec
 
 Sampling.  Couplings and pinning held over a period T give e_i+ = e_i + T (sum w h - k e_i) + int C eps.  Let L bound
 the mean of h' on every way from e_j - s v_i to e_j - e_i, |e_j| <= s v_j, |e_i| <= s v_i.  If T (sum w L + k_cc) <= 1,
-the largest e_i+ is that of the face e_i = s v_i, so the rows give N+ <= (1 - T alpha) N + T max |C eps|/v.
+the largest e_i+ is that of the face e_i = s v_i, so the rows give N+ <= (1 - T alpha) N + T max |C eps|/v.  Of an arc
+that comes and goes within T a part is left, for which both hold: L is that of the whole.
 """
 
 from __future__ import annotations
@@ -98,8 +99,9 @@ def _stiffest(problem: Problem, claim: Separable, *, enough: Callable[[Fraction]
         profiles, rho = coupling_profiles(problem, claim.v, rho=claim.rho), claim.rho or _ZERO
         modes = problem.network.modes.values()
         if rho and sum(map(len, modes)) > _MANY_ARCS:
-            return stiffest_row(arc_rows(problem, claim.v), profiles, gains * len(modes), rho=rho)
-        rows = [(row, face) for row, _ in claims.rows(problem, claim.v, gains=gains) for face in FACES]
+            return stiffest_row(arc_rows(problem, claim.v, loose=False), profiles, gains * len(modes), rho=rho)
+        listed = claims.rows(problem, claim.v, gains=gains, loose=False)
+        rows = [(row, face) for row, _ in listed for face in FACES]
 
         def largest(around: Callable[[Interval], Interval]) -> Fraction:
             mean = _Steepest(profiles, rho, around)

@@ -18,7 +18,7 @@ from dobc_design.verdict import Verdict
 
 def id_for(problem: Problem) -> str:
     """The id of the check: one mode, or several."""
-    return "theorem1-weighted" if len(problem.network.modes) == 1 else "theorem2-weighted"
+    return "theorem2-weighted" if problem.network.switches else "theorem1-weighted"
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:

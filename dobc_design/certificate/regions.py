@@ -219,7 +219,7 @@ def _asked(problem: Problem) -> Asked | None:
         box=_up(max(reach)),
         ball=_up(length, digits=9),
         disturbance=_up(problem.region.initial_disturbance or Fraction(0)),
-        interval=None if problem.m > 1 else (_nearest(low), _nearest(high)),
+        interval=None if problem.m > 1 or problem.leader else (_nearest(low), _nearest(high)),
     )
 
 
@@ -315,7 +315,8 @@ def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
     pinned = set(problem.pinning.agents)
     # Rounding may not take back what the domain claims.
     bounds = [max(float(domain["radius"]), _down(room * weight)) for weight in claim.v]
-    goals = [None if problem.m > 1 else _nearest(problem.goal_of(agent)[0]) for agent in range(problem.n)]
+    moving = problem.m > 1 or problem.leader is not None
+    goals = [None if moving else _nearest(problem.goal_of(agent)[0]) for agent in range(problem.n)]
     rows = enumerate(zip(problem.network.labels, bounds, goals, strict=True))
     return tuple(AgentBound(label=a, bound=bound, pinned=k in pinned, goal=goal) for k, (a, bound, goal) in rows)
 

@@ -190,6 +190,12 @@ def region_checks(
     known = any(covers(problem, check, checks) for check in checks)
     if problem.region is None and not known:
         known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
+        if problem.slopes_move:  # no check at one point speaks of close starts
+            asked = read_region(problem, W, domain=domain, everything=everything)
+            least = NEAR * (W is not None)
+            near = replace(asked, disturbance=max(asked.disturbance, least))
+            near = near if everything else replace(asked, radius=NEAR, ball=NEAR, disturbance=least)
+            return quadratic_stage(near, report)
         if not (known or everything or domain == "global") and problem.network.switches:
             asked = read_region(problem, W, domain=domain, everything=False)
             asked = replace(asked, radius=NEAR, disturbance=NEAR * (W is not None))

@@ -135,18 +135,26 @@ def _start_apart(problem: Problem, group: Sequence[int], free: Sequence[Vector])
     """A c != 0 for which the region allows e_S = c and no gain of the group acts on c; None if there is none."""
     if problem.region is None:
         return free[0]
-    goals = {problem.goal_of(agent) for agent in group}
-    box = [
-        (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals))
-        for c, (lo, hi) in enumerate(problem.region.initial_states)
-    ]
+    box = _room(problem, group)
+    if any(lo > hi for lo, hi in box):
+        return None
+    box = [(lo - last, hi - first) for (lo, hi), (first, last) in zip(box, problem.leads, strict=True)]
     return find_in_nullspace(tuple(row for i in group for row in problem.pinning.gains.get(i, ())), box)
 
 
 def _target_is_interior(problem: Problem) -> bool:
+    """Whether all agents may start beside their goals, in every direction; with a leader, for one of its starts."""
+    rooms = zip(_room(problem, range(problem.n)), problem.leads, strict=False)  # no room is asked for without a region
+    return all(lo < hi and lo < last and first < hi for (lo, hi), (first, last) in rooms)
+
+
+def _room(problem: Problem, group: Sequence[int]) -> list[tuple[Fraction, Fraction]]:
+    """By component, where x_i - goal_i may start for all agents of a group alike."""
     pairs = problem.region.initial_states if problem.region is not None else ()
-    goals = {problem.goal_of(agent) for agent in range(problem.n)} if problem.offsets else {problem.target}
-    return all(lo < goal[c] < hi for goal in goals for c, (lo, hi) in enumerate(pairs))
+    goals = {problem.goal_of(agent) for agent in group} if problem.offsets else {problem.target}
+    return [
+        (max(lo - goal[c] for goal in goals), min(hi - goal[c] for goal in goals)) for c, (lo, hi) in enumerate(pairs)
+    ]
 
 
 def _proved_reason(problem: Problem, check: Check) -> str:
@@ -155,7 +163,8 @@ def _proved_reason(problem: Problem, check: Check) -> str:
     elsewhere = " in the region" if problem.region is not None else f" with {_domain_in_words(check)}"
     which = {"global": "", "consensus": " close enough to it"}.get(str(check.domain), elsewhere)
     local = " The proof is local: it states no radius." if check.domain == "consensus" else ""
-    return f"All agents reach the target from every start{which}{switching}{pace}.{local}"
+    arrive = "reach the target" if problem.leader is None else "follow the leader"
+    return f"All agents {arrive} from every start{which}{switching}{pace}.{local}"
 
 
 def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:
@@ -203,7 +212,8 @@ def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
     complete = [c for c in local if c.id != "lemma1"] if problem.groups else local
     if complete and problem.region is not None:
         return f"Undecided: consensus is proved near the target only, and the region asked for is larger. {ALONE}"
-    ids = ("detectability", "hurwitz", "theorem2-weighted", "theorem2", "theorem1", "lemma1")
+    ids: tuple[str, ...] = ("detectability", "hurwitz", "theorem2-weighted", "theorem2", "theorem1", "lemma1")
+    ids = ("lure", *ids) if problem.slopes_move else ids
     unproved = [check for check in checks if check.id in ids and check.verdict is not Verdict.PROVED]
     first = min(unproved, key=lambda check: ids.index(check.id), default=None)
     return f"Undecided: {'no condition that applies covers what is asked.' if first is None else first.reason}"

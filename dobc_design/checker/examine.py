@@ -107,6 +107,7 @@ def regional(case: Certificate, check: Any) -> None:
             "a coupling is a list, or nodes are curved",
         )
     need(not p.nodes or check.id not in ("equilibrium", "markov"), "nodes are curved")
+    need(p.leader is None or check.id not in ("equilibrium", "delay", "sampling"), "the leader moves on")
     if check.verdict == "proved":
         need(check.witness is None, "it is proved and carries a witness")
     else:
@@ -144,12 +145,13 @@ def covers(case: Certificate, check: Any) -> bool:
         return False
     if type(domain) is str:
         return bool(domain == "global")
-    if p.region is None:  # a box around the target answers the local question of several modes
+    if p.region is None:  # a box around the target answers the local question of several modes, or with a leader
         near = domain.radius > 0 and (not p.q or domain.disturbance > 0)
         box = check.id in ("max-separable", "schedule", "markov") and p.switches
-        return bool((safe or box) and near)
-    sides = enumerate(p.region.initial_states)
-    farthest = [max(abs(end - goal[c]) for goal in p.goals for end in side) for c, side in sides]
+        return bool((safe or box or (check.id == "lure" and p.nodes and p.leader)) and near)
+    sides = list(zip(p.region.initial_states, p.leads, strict=True))
+    ends = [[end - s for end in side for s in leads] for side, leads in sides]
+    farthest = [max(abs(end - goal[c]) for goal in p.goals for end in each) for c, each in enumerate(ends)]
     square = max(farthest) ** 2 if domain.kind == "box" else p.n * sum(side**2 for side in farthest)
     return bool(domain.radius**2 >= square and domain.disturbance >= (p.region.initial_disturbance or 0))
 
@@ -167,8 +169,9 @@ def refuted(case: Certificate) -> bool:
     apart = any(p.escapes(cycle, k == 0) for k, cycle in enumerate(allowed(p)))
     if apart or (p.region and any(check.id == "equilibrium" for check in found)) or not all(map(stable, parts)):
         return True
-    sides = [] if p.region is None else p.region.initial_states
-    inside = (lo < goal[c] < hi for goal in p.goals for c, (lo, hi) in enumerate(sides))
+    sides = enumerate([] if p.region is None else zip(p.region.initial_states, p.leads, strict=True))
+    rooms = ((max(lo - x[c] for x in p.goals), min(hi - x[c] for x in p.goals), *s) for c, ((lo, hi), s) in sides)
+    inside = (lo < hi and lo < last and first < hi for lo, hi, first, last in rooms)
     unstable = (check for check in found if check.id in ("lemma1", "linearisation"))
     rooted = (check.exact for check in unstable if may_stay(p, check.mode or next(iter(p.modes))))
     return all(inside) and any(rational(exact["unstable_roots"]) > 0 for exact in rooted)

@@ -8,6 +8,7 @@ import hashlib
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from fractions import Fraction
 from functools import cached_property, partial
 from itertools import pairwise
@@ -15,10 +16,11 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from .expressions import Coupling, Expression, read_coupling
-from .intervals import Exact, times
+from .intervals import Exact, Floats, enclosed, times
 from .matrices import ZERO, Matrix, Rows, diagonal, echelon, identity, meets, plus, product, transpose
 from .reading import (
     MATRIX_BITS,
+    Refused,
     an_object,
     document,
     index,
@@ -74,12 +76,14 @@ class Problem:
             "uncertainty?": dict.fromkeys(("weights", "gains", "disturbance", "drift", "measurement"), rational)
             | {"known_to_agents": partial(one_of, (bool,))},
             "actuators?": {"limit": self.read_limit, "amplitude": maybe(rational)},
+            "leader?": {"initial": matrix(m, 2), "stays_in?": matrix(m, 2)},
             "simulation": an_object,
             "region": maybe({"initial_states": matrix(m, 2), "initial_disturbance": maybe(rational)}),
         }
         file = read(source, shape)
         offsets = dict(file.offsets)
         self.goals = [plus([file.target], 1, [offsets.get(i, [ZERO] * m)])[0] for i in range(n)]
+        self.read_leader(file.leader, file.target)
         nodes = self.rests(file.target, offsets)
         self.name, self.notes, self.region = file.name, file.notes, file.region
         self.uncertainty, self.actuators, self.simulation = file.uncertainty, file.actuators, file.simulation
@@ -88,7 +92,8 @@ class Problem:
         known = {each: read_coupling(each, m) for each in (h, *exceptions.values())}
         self.couplings = [*known.values(), *nodes]  # all different, h first; then what every agent feels of its own
         self.nodes = len(nodes)
-        self.kinked = any(coupling.kinked for coupling in self.couplings)
+        # theorems are about slopes at one point: there are none at a kink, nor where a leader takes them along
+        self.kinked = any(coupling.kinked for coupling in self.couplings) or bool(self.nodes and self.leader)
         self.domain = "global" if all(coupling.straight for coupling in self.couplings) else "consensus"
         self.switching = read(file.switching, maybe(an_object))
         self.modes = {
@@ -147,6 +152,26 @@ class Problem:
             both = [[*own, *right] for own, right in zip(product(turned, file.B), turned, strict=True)]
             self.left = [row[columns:] for row in echelon(both)[0]]
 
+    def read_leader(self, value: Any, target: list[Fraction]) -> None:
+        """Where a leader starts, and the box with f that it stays in; without one it stands still at 0."""
+        self.leader, self.leads = value, [[ZERO, ZERO]] * self.m
+        if value is not None:
+            need(self.B is not None and not any(target), "a leader needs dynamics, and the target has to be 0")
+            self.leads = value.initial
+            need(all(lo <= hi for lo, hi in self.leads), "a leader starts between bounds in the wrong order")
+
+    def encloses(self) -> list[Any]:
+        """The box of the leader: it starts there, and on no face f points outwards, so that it stays (Nagumo)."""
+        box = self.leader.stays_in
+        need(box is not None, "the leader's solution is not enclosed")
+        need(all(a <= lo and hi <= b for (lo, hi), (a, b) in zip(self.leads, box, strict=True)), "it starts outside")
+        sides = [(enclosed(lo)[0], enclosed(hi)[1]) for lo, hi in box]
+        for c, f in enumerate(self.flow):
+            for sign, end in zip((1, -1), box[c], strict=True):
+                face = [*sides[:c], enclosed(end), *sides[c + 1 :]]
+                need(points(f, sign, face), "f is not shown to point inwards on a face of the leader's box")
+        return sides
+
     def rests(self, target: list[Fraction], offsets: Any) -> list[Coupling]:
         """Goals are equilibria for some constant input; A are the slopes of f(target + e) - f(target), which is there
         unless it is straight."""
@@ -161,17 +186,18 @@ class Problem:
             own = {name.replace("y", "x") for name in names}
             need(all(set(re.findall(r"\b[xy][0-9]*\b", each)) <= own for each in self.f), "f is written in x1 to xm")
             f = [re.sub(r"\bx([0-9]*)\b", lambda x: moved[int(x[1] or 1) - 1], each) for each in self.f]
-            values = [self.at_target(each, names) for each in f]
+            values, self.flow = [self.at_target(each, names) for each in f], [Expression(each, names) for each in f]
             falls = tuple(f"({each}) - ({x})" for each, x in zip(f, values, strict=True))
             whole = read_coupling(falls, m)
             slopes = [[whole.slope(c, d) for d in range(m)] for c in range(m)]
             need(not whole.kinked and all(lo == hi for row in slopes for lo, hi in row), "f has no exact slopes")
             self.drift, goals = [[lo for lo, _ in row] for row in slopes], [[x] for x in values]
             found = [] if whole.straight else [whole]
-            pulled = goals
+            pulled = goals if self.leader is None else []
         else:
             pulled = product(self.drift, goals)
-        need(product(self.B, product(self.left, pulled)) == pulled, "a goal is no equilibrium for a constant input")
+        held = not pulled or product(self.B, product(self.left, pulled)) == pulled
+        need(held, "a goal is no equilibrium for a constant input")
         return found
 
     @staticmethod
@@ -317,14 +343,30 @@ class Problem:
         if self.region is None or len(pivots) == self.m:
             return bool(len(pivots) < self.m)
 
-        sides = zip(self.region.initial_states, *(self.goals[i] for i in group), strict=True)
-        box: list[Exact] = [(lo - min(goals), hi - max(goals)) for (lo, hi), *goals in sides]
+        sides = zip(self.region.initial_states, self.leads, *(self.goals[i] for i in group), strict=True)
+        rooms = [(lo - min(goals), hi - max(goals), *leads) for (lo, hi), leads, *goals in sides]
+        box: list[Exact] = [(lo - last, hi - first) for lo, hi, first, last in rooms]
         boxes: list[Any] = [box]
         if all(lo <= 0 <= hi for lo, hi in box):  # then size does not matter: some entry may be 1 or -1
             cone = [(lo and -math.inf, hi and math.inf) for lo, hi in box]
             ones = ((k, Fraction(x)) for k, (lo, hi) in enumerate(cone) for x in (-1, 1) if lo <= x <= hi)
             boxes = [[*cone[:k], (x, x), *cone[k + 1 :]] for k, x in ones]
-        return all(lo <= hi for lo, hi in box) and any(meets(rows, pivots, each) for each in boxes)
+        return all(lo <= hi for lo, hi, *_ in rooms) and any(meets(rows, pivots, each) for each in boxes)
+
+
+def points(f: Expression, sign: int, face: list[Floats], pieces: int = 4096) -> bool:
+    """sign f >= 0 on a face, shown on its parts."""
+    parts = [face]
+    while parts and pieces:
+        part, pieces = parts.pop(), pieces - 1
+        with suppress(Refused):  # it may be defined on the halves
+            value = f.at(*((side, ()) for side in part))[0]
+            if (value[0] if sign > 0 else -value[1]) >= 0:
+                continue
+        lo, hi = side = max(part, key=lambda each: each[1] - each[0])
+        k, middle = part.index(side), (lo + hi) / 2
+        parts += [[*part[:k], half, *part[k + 1 :]] for half in ((lo, middle), (middle, hi))]
+    return not parts
 
 
 def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:

@@ -135,7 +135,13 @@ def read_ranges(p: Problem, claim: Any) -> Ranges:
     wanted = [k for k, h in enumerate(p.couplings) if h in used or k >= len(p.couplings) - p.nodes]
     need(sorted(each.coupling for each in claim.ranges) == wanted, "the ranges are not those of the couplings")
     found = {p.couplings[each.coupling]: each.gains for each in claim.ranges}
-    need(all(gains_hold(h, gains, claim.radius) for h, gains in found.items()), "the gains are not shown")
+    nodes = p.couplings[-1] if p.nodes and p.leader else None
+    known = ((h, gains) for h, gains in found.items() if h is not nodes)
+    need(all(gains_hold(h, gains, claim.radius) for h, gains in known), "the gains are not shown")
+    if nodes:  # f(s + e) - f(s) for s in the box of the leader
+        r = enclosed(claim.radius or ZERO)[1]
+        around = [added(side, (-r, r)) for side in p.encloses()]
+        need(slopes_inside(nodes, found[nodes], around, CELLS), "the slopes of f are not shown")
     return found
 
 

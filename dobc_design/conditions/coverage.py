@@ -52,18 +52,22 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
 
 
 def _is_near(problem: Problem, check: Check) -> bool:
-    """Whether a box around the target is proved: under switching that answers the local question, too."""
-    known = ("max-separable", "schedule", "markov", "safety")
+    """Whether a box around the target is proved: under switching that answers the local question, too; so does a ball
+    where the slopes of f move with a leader."""
+    known = ("lure",) if problem.slopes_move else ("max-separable", "schedule", "markov", "safety")
     box = check.domain if check.id in known and isinstance(check.domain, Mapping) else {}
-    several = problem.network.switches or check.id == "safety"
+    several = problem.network.switches or check.id == "safety" or problem.slopes_move
     return several and box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
 
 
 def asked_radius(problem: Problem) -> tuple[Fraction, ...]:
-    """R_c, per component: the largest |e_ic(0)| that the region allows."""
+    """R_c, per component: the largest |e_ic(0)| that the region allows, wherever a leader starts."""
     pairs = problem.region.initial_states if problem.region is not None else ()
     goals = {problem.goal_of(agent) for agent in range(problem.n)} if problem.offsets else {problem.target}
-    return tuple(max(max(abs(lo - goal[c]), abs(hi - goal[c])) for goal in goals) for c, (lo, hi) in enumerate(pairs))
+    return tuple(
+        max(max(abs(lo - goal[c] - leads[1]), abs(hi - goal[c] - leads[0])) for goal in goals)
+        for c, ((lo, hi), leads) in enumerate(zip(pairs, problem.leads, strict=False))  # no pairs without a region
+    )
 
 
 Progress = Callable[[str], None]

@@ -62,6 +62,7 @@ def to_c(
     from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
+    problem.require_no_leader("C code")
     claims = certificate.claims if isinstance(certificate, Certificate) else certificate
     if claims is not None and claims.problem_sha256 != problem_sha256(problem):
         message = "certificate must be one of this problem; it is about another one."
@@ -88,6 +89,7 @@ def to_fmu(problem: Source, *, period: Any, agent: Any = None, sampled_gain: Any
     from dobc_design.simulation.signals import signal_of
 
     problem = _loaded(problem)
+    problem.require_no_leader("an FMU")
     label = None if agent is None else str(agent)
     if agent is None:
         pinned = problem.pinning.agents
@@ -261,6 +263,7 @@ def python_script(problem: Source) -> str:
     their shortest exact form, couplings the text of the problem, which is Python once its functions are named; text of
     users appears in strings only.  Raises: SpecError for more than 20 000 arcs."""
     problem = _loaded(problem)
+    problem.require_no_leader("the Python file")
     gain, plant, own = observer_gain(problem), arrays.plant_arrays(problem), problem.dynamics
     arcs = sum(len(each) for each in problem.network.modes.values())
     if arcs > MOST_ARCS:

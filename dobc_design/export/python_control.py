@@ -26,11 +26,12 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
     disturbance that acts besides d, n m, in units of x per s; 0 gives the loop as printed.  Outputs: x, dhat and u, n m
     each.  Agents with [dynamics] have p inputs: w, dhat and u are n p numbers.  ``exosystem`` (12) has no input but
     a zero one; ``observer`` (13) of one agent has the inputs x_i and v_i = couplings + u_i and the output dhat_i; both
-    are None without an exosystem, and the observer where [dynamics] has an f, which no StateSpace holds."""
+    are None without an exosystem, and the observer where [dynamics] has an f, which no StateSpace holds.  The m numbers
+    of a leader are states, too, after the others."""
 
     def __init__(self, loop: Loop, update: Callable[..., Array], output: Callable[..., Array], name: str) -> None:
         n, m, q, p = loop.n, loop.m, loop.q, len(loop.output)
-        states = [*_names("x", n, m), *_names("xi", n, q), *_names("z", n, q)]
+        states = [*_names("x", n, m), *_names("xi", n, q), *_names("z", n, q), *_names("s", loop.rows // m - n, m)]
         outputs = [*_names("x", n, m), *_names("dhat", n, p), *_names("u", n, p)]
         super().__init__(update, output, states=states, inputs=_names("w", n, p), outputs=outputs, name=name, dt=0)
         self.loop = loop
@@ -40,7 +41,8 @@ class ConsensusLoop(control.NonlinearIOSystem):  # type: ignore[misc]  # control
     def start_of(self, trajectory: Trajectory) -> Array:
         """The state at which a trajectory begins: x, xi and z = xihat - W x at its first sample."""
         z = trajectory.xihat[0] - trajectory.x[0] @ self.loop.W.T
-        return np.concatenate([trajectory.x[0].ravel(), trajectory.xi[0].ravel(), z.ravel()])
+        s = trajectory.leader[0] if self.loop.lead else ()
+        return np.concatenate([trajectory.x[0].ravel(), trajectory.xi[0].ravel(), z.ravel(), s])
 
 
 def to_control(
@@ -63,19 +65,24 @@ def to_control(
 
 
 def _system(problem: Problem, loop: Loop, network_at: Callable[[float], Network]) -> ConsensusLoop:
+    size = loop.n * (loop.m + 2 * loop.q)
+
     def update(time: float, state: Array, w: Array, params: Any) -> Array:
-        x, xi, z = loop.split(state)
+        (x, xi, z), s = loop.split(state[:size]), state[size:]
         xihat = z + loop.correction(x)
         with np.errstate(all="ignore"):  # trial steps far from the target overflow
-            felt = network_at(max(0.0, float(time)))((x - loop.goal).ravel()) - (xihat @ loop.C.T).ravel()
+            e = (x - loop.goal - (s if len(s) else 0.0)).ravel()
+            felt, s_dot = np.split(network_at(max(0.0, float(time)))(np.concatenate([e, s])), [len(e)])
+            felt = (felt.reshape(x.shape) + (s_dot if len(s) else 0.0)).ravel() - (xihat @ loop.C.T).ravel()
             z_dot = xihat @ loop.F.T - loop.correction(felt.reshape(x.shape))
         w = w if loop.plant is None else (w.reshape(loop.n, -1) @ loop.plant.B.T).ravel()
-        return np.concatenate([felt + (xi @ loop.C.T).ravel() + w, (xi @ loop.A.T).ravel(), z_dot.ravel()])
+        return np.concatenate([felt + (xi @ loop.C.T).ravel() + w, (xi @ loop.A.T).ravel(), z_dot.ravel(), s_dot])
 
     def output(time: float, state: Array, w: Array, params: Any) -> Array:
-        x, _, z = loop.split(state)
+        (x, _, z), s = loop.split(state[:size]), state[size:]
         dhat = (z + x @ loop.W.T) @ loop.output.T
-        return np.concatenate([x.ravel(), dhat.ravel(), loop.control(x - loop.goal, dhat).ravel()])
+        e = x - loop.goal - (s if len(s) else 0.0)
+        return np.concatenate([x.ravel(), dhat.ravel(), loop.control(e, dhat).ravel()])
 
     return ConsensusLoop(loop, update, output, "".join(c if c.isalnum() else "_" for c in problem.name))
 

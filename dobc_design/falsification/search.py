@@ -104,6 +104,7 @@ def search_starts(
     progress: Reports[str] = None,
 ) -> Falsification:
     """The same with ``gain`` (q, m) in place of observer.W; modes are constant or switch at random."""
+    problem.require_no_leader("the search for starts that fail")
     whole(runs, "runs", least=1)
     seed = problem.simulation.seed if seed is None else whole(seed, "seed", least=0)
     if certified is not None and (radius is not None or disturbance is not None):
@@ -373,7 +374,8 @@ SAME = 1e-6  # relative distance of roots that are one
 
 def equilibrium_check(problem: Problem) -> Check | None:
     """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
-    if problem.region is None or problem.n * problem.m > LARGEST or problem.node is not None:
+    known = problem.region is not None and problem.node is None and problem.leader is None
+    if not known or problem.n * problem.m > LARGEST:
         return None
     best = None
     with surviving("the search for equilibria failed"), np.errstate(all="ignore"):

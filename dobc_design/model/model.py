@@ -82,6 +82,8 @@ class Model(Headed):
     - controller: x, dhat -> u (19).
     - closed_loop: x, xi, z -> x_dot, xi_dot, z_dot; (1), (12), (13), (19).
     - error_dynamics: e, eps -> e_dot, eps_dot (22).
+
+    With a leader controller, closed_loop and error_dynamics take s (m,) last, and closed_loop returns s_dot, too.
     """
 
     problem: Problem
@@ -136,6 +138,10 @@ def _loop(problem: Problem, h: Any, disturbance: arrays.Disturbance) -> dict[str
         W = disturbance.W
         return per_agent(ca.DM(W), y) if W.ndim == 2 else _constant(sp.block_diag([*map(sp.csr_array, W)])) @ y
 
+    s = ca.SX.sym("s", problem.m)
+    led, beside = ({}, 0) if problem.leader is None else ({"s": s}, ca.repmat(s, n, 1))
+    drift = ca.repmat(ca.DM(arrays.leaders_drift(problem)), n, 1) if led else 0  # else u0 holds the goal
+
     def moved(e: Any, v: Any) -> Any:
         """A x + B v of every agent, or f(x) + B v, for v less the u0 with A goal + B u0 = 0."""
         if plant is None:
@@ -145,23 +151,26 @@ def _loop(problem: Problem, h: Any, disturbance: arrays.Disturbance) -> dict[str
     def observe(z: Any, x: Any, u: Any) -> tuple[Any, Any, Any]:
         """z_dot, xihat and dhat of (13)."""
         xihat = z + correction(x)
-        return per_agent(F, xihat) - correction(moved(x - goal, h(x - goal) + u - u0)), xihat, per_agent(C, xihat)
+        x_dot = moved(x - goal, h(x - goal) + u - u0) + drift
+        return per_agent(F, xihat) - correction(x_dot), xihat, per_agent(C, xihat)
 
     def control(x: Any, dhat: Any) -> Any:
-        return -K @ (x - goal) - dhat + u0
+        return -K @ (x - goal - beside) - dhat + u0
 
     kinds = {"z": "q", "x": "m", "u": "p", "xi": "q", "dhat": "p", "e": "m", "eps": "q"}
     z, x, u, xi, dhat, e, eps = (ca.SX.sym(name, n * widths[kind]) for name, kind in kinds.items())
     applied = control(x, per_agent(C, z + correction(x)))
-    x_dot = moved(x - goal, h(x - goal) + applied - u0 + per_agent(C, xi))
-    e_dot = moved(e, h(e) - K @ e + per_agent(C, eps))
+    x_dot = moved(x - goal, h(x - goal) + applied - u0 + per_agent(C, xi)) + drift
+    none = ca.SX(n * problem.inputs, 1)
+    e_dot = moved(e + beside, h(e) - K @ e + per_agent(C, eps)) - (moved(beside, none) if led else 0)
     z_dot, xihat, estimate = observe(z, x, u)
     closed = {"x_dot": x_dot, "xi_dot": per_agent(A, xi), "z_dot": observe(z, x, applied)[0]}
+    closed |= {"s_dot": (moved(beside, none) + drift)[: problem.m]} if led else {}
     rows = {
         "observer": ({"z": z, "x": x, "u": u}, {"z_dot": z_dot, "xihat": xihat, "dhat": estimate}),
-        "controller": ({"x": x, "dhat": dhat}, {"u": control(x, dhat)}),
-        "closed_loop": ({"x": x, "xi": xi, "z": z}, closed),
-        "error_dynamics": ({"e": e, "eps": eps}, {"e_dot": e_dot, "eps_dot": per_agent(F, eps)}),
+        "controller": ({"x": x, "dhat": dhat, **led}, {"u": control(x, dhat)}),
+        "closed_loop": ({"x": x, "xi": xi, "z": z, **led}, closed),
+        "error_dynamics": ({"e": e, "eps": eps, **led}, {"e_dot": e_dot, "eps_dot": per_agent(F, eps)}),
     }
     return {name: _function(name, *each) for name, each in rows.items()}
 

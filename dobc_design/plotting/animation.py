@@ -45,7 +45,7 @@ def animation_page(run: Run, *, arcs: Arcs | None = None) -> str:
         "labels": [short(label, 12) for label in run.labels],
         "times": run.times[frames].tolist(),
         "places": _rounded(_in_plane(run.x)[frames]),
-        "goals": _rounded(_in_plane(run.goal)),
+        "goals": _rounded(_in_plane(_still(run))),
         "links": [pairs.tolist() for pairs in _links(run, arcs)],
         "mode": run.switches.at(run.times[frames]).tolist(),
         "modes": list(run.switches.names),
@@ -63,6 +63,11 @@ def _in_plane(values: Array) -> Array:
     if values.shape[-1] >= 2:
         return np.asarray(values[..., :2])
     return np.stack([values[..., 0], np.broadcast_to(np.arange(1.0, values.shape[-2] + 1), values.shape[:-1])], axis=-1)
+
+
+def _still(run: Run) -> Array:
+    """The goals, which are not drawn beside a leader that moves."""
+    return np.asarray(run.goal[:0] if run.leader.any() else run.goal)
 
 
 def _axis_names(run: Run) -> tuple[str, str]:

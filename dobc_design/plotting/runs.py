@@ -52,7 +52,7 @@ def trajectory_sheet(run: Run, *, envelope: Envelope | None = None, pinned: Sequ
             plot_agents(rows.pop(0), run, component=c, pinned=pinned)
         if has_estimate:
             plot_estimates(rows.pop(0), run)
-        errors = {"|e|∞": _largest(run.x - run.goal)}
+        errors = {"|e|∞": _largest(run.errors())}
         if has_estimate:
             unit = "per s" if run.d.shape == run.x.shape else "unit of d"
             errors[f"|d − d̂|∞, {unit}"] = _largest(run.d - run.dhat)
@@ -105,7 +105,7 @@ def plot_bands(ax: Axes, runs: Runs, envelope: Envelope | None) -> Axes:
 
 def plot_error(ax: Axes, run: Run, envelope: Envelope | None) -> Axes:
     """|e|_inf of one run over time."""
-    errors = {"|e|∞": _largest(run.x - run.goal)}
+    errors = {"|e|∞": _largest(run.errors())}
     points = checked_envelope(envelope, run.times)
     return in_time(plot_errors(ax, run.times, errors, envelope=points), run.times)
 
@@ -134,9 +134,15 @@ def plot_agents(ax: Axes, run: Run, *, component: int, pinned: Sequence[int] = (
 
 
 def _goals(ax: Axes, run: Run | Runs, chosen: Sequence[int], component: int) -> Axes:
-    """The axes of a state component, with the goals of these agents."""
+    """The axes of a state component, with the goals of these agents; those beside a leader move with it."""
+    rows = look.thinned_rows(len(run.times))
+    style: dict[str, Any] = {"linewidth": 1.1, "linestyle": DASHED, "zorder": 1.5}
+    leaders = run.leader[..., component].reshape(-1, len(run.times))
     for goal in sorted({float(run.goal[agent, component]) for agent in chosen})[:12]:
-        ax.axhline(goal, color=VERMILLION, linewidth=1.1, linestyle=DASHED, label="goal", zorder=1.5)
+        for s in leaders if run.leader.any() else ():
+            ax.plot(run.times[rows], s[rows] + goal, color=VERMILLION, label="leader", **style)
+        if not run.leader.any():
+            ax.axhline(goal, color=VERMILLION, label="goal", **style)
     ax.set_ylabel(f"{state_symbol(component, run.goal.shape[1])}\nin its own unit")
     return ax
 

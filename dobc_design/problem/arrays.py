@@ -37,6 +37,7 @@ def require_floats(problem: Problem) -> Problem:
         "exosystem": [(each.exosystem.A, each.exosystem.C) for each in problem.groups],
         "observer.W": [each.observer.W or () for each in problem.groups],
         "dynamics": () if problem.dynamics is None else (problem.dynamics.A or (), problem.dynamics.B),
+        "leader": problem.leads,
         "region": () if region is None else (region.initial_states, region.initial_disturbance or 0),
         "simulation": (start.x0 or (), start.xi0 or ()),
     }
@@ -176,7 +177,7 @@ def plant_arrays(problem: Problem) -> Plant | None:
     if own is None:
         return None
     goals, C = list(map(problem.goal_of, range(problem.n))), [to_float(group.exosystem.C) for group in problem.groups]
-    u0 = {goal: own.feedforward(goal) or () for goal in goals}
+    u0 = {goal: problem.input_at(goal) for goal in goals}
     return Plant(
         A=to_float(own.about(problem.target)[0]),
         B=to_float(own.B),
@@ -282,6 +283,13 @@ def goals(problem: Problem) -> Array:
     return result
 
 
+def leaders_drift(problem: Problem) -> Array:
+    """f(0) of [dynamics], or 0: (m,)."""
+    own = (problem.origin or problem).dynamics
+    drift = None if own is None else own.drift_at(problem.target)
+    return np.zeros(problem.m) if drift is None else np.ravel(to_float((drift,)))
+
+
 def arc_groups(problem: Problem, mode: str, there: NDArray[np.bool_] | None = None) -> tuple[ArcGroup, ...]:
     """Split the arcs of one mode, or those ``there`` (arcs,), by coupling, in the order of ``couplings``; empty groups
     are left out."""
@@ -319,7 +327,10 @@ def pinning_matrix(problem: Problem) -> sp.csr_array:
 
 
 def consensus_jacobian(problem: Problem, mode: str) -> sp.csr_array | None:
-    """Return dh/de at e = 0 (n m, n m), of midpoints of slopes; None where a coupling has a kink at 0."""
+    """Return dh/de at e = 0 (n m, n m), of midpoints of slopes; None where a coupling has a kink at 0, or where a
+    leader takes the slopes of f along."""
+    if problem.slopes_move:
+        return None
     n, table, slopes = problem.n, arc_table(problem, mode), {}
     for place in np.unique(table.coupling).tolist():
         enclosed = problem.couplings[place].jacobian_at_zero()

@@ -21,6 +21,7 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import shown
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
+from dobc_design.problem.integrators import enclosed
 from dobc_design.problem.network import Arcs, Network, directed, joined, labels_of, parse_weights
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
@@ -30,7 +31,7 @@ VERSION, VERSION_DYNAMICS, VERSION_OPTIONAL = 1, 2, 3  # other problems keep the
 _CURE = "Write it again with `dobc check FILE --canonical OUT`."
 _KEYS = ("format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains")
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
-_LATER_TABLES = ("uncertainty", "actuators", "dynamics")
+_LATER_TABLES = ("uncertainty", "actuators", "dynamics", "leader")
 _SWITCHING = ("signal", "dwell")
 _LATER_SWITCHING = tuple(each.name for each in fields(Switching) if each.name not in _SWITCHING)
 
@@ -99,13 +100,14 @@ def settings_of(problem: Problem) -> dict[str, Any]:
     else:
         exosystem = None if problem.exosystem is None else _own(problem.exosystem)
         observer = problem.observer
+    own = {name: getattr(problem, name) for name in _LATER_TABLES} | {"leader": enclosed(problem)}
     return {
         "exosystem": exosystem,
         "observer": _own(observer),
         "region": problem.region and _own(problem.region),
         "switching": problem.switching and _own(problem.switching, later=_LATER_SWITCHING),
         "simulation": _own(problem.simulation, later=("x0",)),
-        **{name: _own(noun, later="Af") for name in _LATER_TABLES if (noun := getattr(problem, name)) is not None},
+        **{name: _own(noun, later=("A", "f", "stays_in")) for name in _LATER_TABLES if (noun := own[name]) is not None},
     }
 
 
@@ -199,6 +201,9 @@ class _Reader:
             actuators=document.get("actuators"),
             dynamics=_object(document["dynamics"], ("B",), ("A", "f"), key="dynamics")
             if "dynamics" in document
+            else None,
+            leader=_object(document["leader"], ("initial",), ("stays_in",), key="leader")
+            if "leader" in document
             else None,
         )
 

@@ -14,7 +14,7 @@ from typing import Any
 from dobc_design._checks import put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.coupling.expression import parse_expression
+from dobc_design.coupling.expression import Expression, parse_expression
 from dobc_design.coupling.tree import IntervalAlgebra, evaluate, variable_names
 from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -85,9 +85,7 @@ class Dynamics(Shown):
     @property
     def latex(self) -> tuple[str, ...]:
         """LaTeX of every component of f, in x, or x_1 to x_m."""
-        m = self.dimension
-        own = [parse_expression(_renamed(text, variable_names(m)), dimension=m).latex for text in self.f or ()]
-        return tuple(re.sub(r"\by\b|\by(?=_)", "x", each) for each in own)
+        return tuple(re.sub(r"\by\b|\by(?=_)", "x", each.latex) for each in expressions_of(self))
 
     @property
     def left_inverse(self) -> Matrix:
@@ -98,7 +96,7 @@ class Dynamics(Shown):
         """A goal or f(goal), (m,); None where that is not rational."""
         if self.A is not None:
             return tuple(x for (x,) in multiply(self.A, _column(goal)))
-        found = [_at(text, goal) for text in self.f or ()]
+        found = [_at(each, goal) for each in expressions_of(self)]
         return None if any(each is None for each in found) else tuple(each for each in found if each is not None)
 
     def about(self, goal: Vector) -> tuple[Matrix, Coupling | None]:
@@ -143,6 +141,12 @@ class Dynamics(Shown):
         return tuple(x for (x,) in multiply(N, part))
 
 
+def expressions_of(dynamics: Dynamics) -> tuple[Expression, ...]:
+    """The components of f, with the variables of couplings in place of x1..xm."""
+    m = dynamics.dimension
+    return tuple(parse_expression(_renamed(text, variable_names(m)), dimension=m) for text in dynamics.f or ())
+
+
 def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
     """Refuse a goal that no constant input holds.  Raises: SpecError that names the nearest one that some does."""
     if dynamics.feedforward(goal) is None:
@@ -183,11 +187,10 @@ def _renamed(text: str, names: Sequence[str]) -> str:
     return re.sub(r"\bx([0-9]*)\b", lambda found: names[int(found[1] or 1) - 1], text)
 
 
-def _at(text: str, goal: Vector) -> Fraction | None:
+def _at(expression: Expression, goal: Vector) -> Fraction | None:
     """The value of an expression at a point; None where it is not rational, or undefined."""
-    node = parse_expression(_renamed(text, variable_names(len(goal))), dimension=len(goal)).node
     try:
-        value = evaluate(node, tuple(map(Interval.point, goal)), IntervalAlgebra())
+        value = evaluate(expression.node, tuple(map(Interval.point, goal)), IntervalAlgebra())
     except UndefinedError:
         return None
     return value.lo if value.is_point else None

@@ -6,7 +6,8 @@ x_i' = A x_i + B (sum h + u_i + d_i) with u_i = -K_i e_i - dhat_i + u0 and xihat
 
 That is (22) with the couplings B h, the gains B K_i - A, the output B C and the observer gain W B+, whose product with
 the output is W C again.  With f in place of A the gains have its slopes A at the target, and f(target + e) - f(target)
-itself is the last of the couplings, which no arc has: ``problem.node`` is its place.
+itself is the last of the couplings, which no arc has: ``problem.node`` is its place.  With a leader s the target is 0,
+and the errors obey f(s + e) - f(s): the node at s + e less that at s.
 """
 
 from __future__ import annotations
@@ -17,12 +18,14 @@ from typing import Any
 
 from dobc_design._checks import put
 from dobc_design.coupling.coupling import Coupling, make_coupling
+from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply, subtract, zeros
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import is_scalar_matrix
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer
+from dobc_design.problem.leader import Box, Leader, enclosure, not_enclosed
 from dobc_design.problem.problem import Pinning, Problem
 
 
@@ -54,12 +57,14 @@ def as_integrators(problem: Problem) -> Problem:
     gains = {i: felt[id(own.get(i, none))] for i in range(problem.n)}
     found = problem.replace(
         dynamics=None,
+        leader=None,
         coupling=acting(problem.coupling, dynamics),
         exceptions={arc: acting(each, dynamics) for arc, each in problem.exceptions.items()},
         gains=None,
         **parts,
     )
-    put(found, pinning=Pinning(gains=gains), origin=problem)  # the gains need not pull towards the target
+    # the gains need not pull towards the target, and a leader goes with [dynamics]
+    put(found, pinning=Pinning(gains=gains), origin=problem, leader=problem.leader)
     if node is not None:
         put(found, couplings=(*found.couplings, node), node=len(found.couplings))
     return found
@@ -86,6 +91,25 @@ def acting(coupling: Coupling, dynamics: Dynamics) -> Coupling:
         texts = tuple(re.sub(r"\by\b", f"y{c + 1}", texts[0]) for c in range(m))
     rows = [[f"({number_text(b)})*({h})" for b, h in zip(row, texts, strict=True) if b] for row in B]
     return make_coupling([" + ".join(row) or "0" for row in rows], dimension=m)
+
+
+def enclosed(problem: Problem) -> Leader | None:
+    """The leader with the box that it stays in, where slopes of f move with it and a box is given or found."""
+    leader, dynamics = problem.leader, problem.dynamics
+    if leader is None or dynamics is None or dynamics.about(problem.target)[1] is None:
+        return leader
+    box = None if leader.stays_in else enclosure(dynamics, leader)
+    return leader if box is None else Leader(initial=leader.initial, stays_in=tuple((x.lo, x.hi) for x in box))
+
+
+def leaders_box(problem: Problem) -> Box:
+    """The box that the leader of ``as_integrators`` never leaves, proved; 0 without one.  Raises: UndefinedError."""
+    if problem.leader is None or problem.origin is None or problem.origin.dynamics is None:
+        return (Interval.point(0),) * problem.m
+    box = enclosure(problem.origin.dynamics, problem.leader)
+    if box is None:
+        raise UndefinedError(not_enclosed(problem.origin.dynamics, problem.leader))
+    return box
 
 
 def slopes_of_nodes(problem: Problem) -> Matrix:

@@ -162,6 +162,7 @@ _EXAMPLES = {
     "exosystem.groups.agents": "agents = [1, 2]",
     "formation.offsets": "offsets = { 2 = 1.5, 3 = -1.5 }",
     "region.initial_states": "initial_states = [0, 5]",
+    "leader.initial": "initial = [[0, 1], [-1, 1]]",
 }
 
 
@@ -392,6 +393,7 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
             uncertainty=_given(tables.uncertainty),
             actuators=_given(tables.actuators),
             dynamics=dynamics,
+            leader=_given(tables.leader),
         ),
         errors,
     )

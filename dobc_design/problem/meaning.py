@@ -312,10 +312,10 @@ def _about_region(problem: Problem) -> Iterator[str]:
         component = "" if problem.m == 1 else f" (component {c + 1})"
         if lo == hi:
             yield f"The region is the single point {low}{component}: region.initial_states is an interval [lo, hi]."
-        if not lo <= problem.target[c] <= hi:
+        if problem.leader is None and not lo <= problem.target[c] <= hi:
             yield f"The target {goal} is outside region.initial_states [{low}, {high}]{component}."
     away = [labels[i] for i in problem.offsets if not all(lo <= problem.goal_of(i)[c] <= hi for c, (lo, hi) in pairs)]
-    if away:
+    if away and problem.leader is None:
         yield f"The goal (target + offset) of {listed(away)} is outside region.initial_states."
     error, width = region.initial_disturbance, max(hi - lo for _, (lo, hi) in pairs)
     if error == 0:
@@ -382,7 +382,7 @@ def _about_simulation(problem: Problem) -> Iterator[str]:
     calm = not problem.groups or (run.xi0 is not None and not any(x for row in run.xi0 for x in row))
     if calm and problem.groups:
         yield "simulation.xi0 = 0: the simulated runs have no disturbance."
-    rows = run.x0 or ()
+    rows = () if problem.leader else run.x0 or ()
     if calm and rows and all(rows[i % len(rows)] == problem.goal_of(i) for i in range(problem.n)):
         yield "simulation.x0 is the goal of every agent, and no disturbance acts: in the runs nothing happens."
 

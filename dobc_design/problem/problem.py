@@ -29,6 +29,7 @@ from dobc_design.problem import settings
 from dobc_design.problem.dynamics import Dynamics, check_goal
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, Observer, group_numbers, join, read_groups
+from dobc_design.problem.leader import Leader, read_leader
 from dobc_design.problem.network import Network, one_form
 from dobc_design.problem.settings import Region, Simulation, Switching
 from dobc_design.problem.uncertainty import Actuators, Uncertainty, read_actuators, read_uncertainty
@@ -188,6 +189,8 @@ class Problem(Shown):
         region: {"initial_states": ..., "initial_disturbance": ...} or a Region.
         switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0, x0.
         dynamics: Dynamics, of agents that are no integrators; couplings, gains (p x m) and C then have p components.
+        leader: a Leader, or a mapping with initial and stays_in: the target is a solution of the dynamics; it knows no
+            ``target`` then.
         uncertainty, actuators: an Uncertainty and Actuators, or mappings: what the plant may add, what it can give.
         notes: sentences on what is assumed or stands in; they are shown wherever a result is shown.
     Further attributes: couplings, the default one and those of the exceptions, each once; exception_places, the place
@@ -215,6 +218,7 @@ class Problem(Shown):
     uncertainty: Uncertainty | None
     actuators: Actuators | None
     dynamics: Dynamics | None
+    leader: Leader | None
     notes: tuple[str, ...]
     couplings: tuple[Coupling, ...] = field(init=False, compare=False)
     exception_places: Mapping[Arc, int] = field(init=False, compare=False)
@@ -239,6 +243,7 @@ class Problem(Shown):
         uncertainty: Uncertainty | Mapping[str, Any] | None = None,
         actuators: Actuators | Mapping[str, Any] | None = None,
         dynamics: Dynamics | Mapping[str, Any] | None = None,
+        leader: Leader | Mapping[str, Any] | None = None,
         name: str = "problem",
         notes: Sequence[str] = (),
     ) -> None:
@@ -272,6 +277,7 @@ class Problem(Shown):
             keep("simulation", lambda: settings.read_simulation(simulation, n=network.size, orders=orders, m=m))
         keep("uncertainty", lambda: read_uncertainty(uncertainty))
         keep("actuators", lambda: read_actuators(actuators, labels=network.labels))
+        keep("leader", lambda: read_leader(leader, dynamics=own))
         keep("notes", lambda: _read_notes(notes))
         raise_all(errors)
         self._check_dynamics()
@@ -286,7 +292,10 @@ class Problem(Shown):
         for key in ("uncertainty", "actuators"):
             if getattr(self, key) is not None:
                 raise wrong(key, "is not known for agents with [dynamics].", f"Remove [{key}].")
-        check_goal(self.dynamics, self.target, key="target")
+        if self.leader is None:
+            check_goal(self.dynamics, self.target, key="target")
+        elif any(self.target):
+            raise wrong("target", "must be left out, or 0, with a [leader], which is the target.", "Remove it.")
         self.dynamics.about(self.target)
         if self.offsets and self.dynamics.f is not None:
             raise wrong("formation", "is known for agents with A only, not with f.", "Remove [formation].")
@@ -330,7 +339,7 @@ class Problem(Shown):
 
     def _arguments(self) -> dict[str, Any]:
         names = ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
-        found = {name: getattr(self, name) for name in (*names, "uncertainty", "actuators", "dynamics")}
+        found = {name: getattr(self, name) for name in (*names, "uncertainty", "actuators", "dynamics", "leader")}
         found |= {"gains": self.pinning, "exceptions": dict(self.exceptions)}
         if self.is_grouped:
             found |= {"groups": self.groups, "observer": Observer(rate=self.groups[0].observer.rate)}
@@ -363,7 +372,7 @@ class Problem(Shown):
         facts += [("disturbance", disturbance_words(self, group)) for group in self.groups[:MOST_ITEMS]]
         facts += [("time scales", times)] if (times := time_words(self)) else []
         facts += [("look at this", remark) for remark in remarks(self)]
-        nouns = [(name, getattr(self, name)) for name in ("region", "switching", "uncertainty", "actuators")]
+        nouns = [(name, getattr(self, name)) for name in ("leader", "region", "switching", "uncertainty", "actuators")]
         facts += [(name, value) for name, value in (*nouns, ("notes", "  ".join(self.notes))) if value]
         text = f"{counted(self.n, 'agent')} with {counted(self.m, 'state component')} each"
         return Card(title=self.name, text=text, facts=facts)
@@ -443,6 +452,12 @@ class Problem(Shown):
             cure = "Use certify, verify, simulate, falsify or sweep, which know them; or list the graphs as modes."
             raise about(f"network.modes.{named(loose)}.optional", f"{what} does not know arcs that come and go.", cure)
 
+    def require_no_leader(self, what: str) -> None:
+        """Refuse a problem with a [leader] where ``what`` does not know it.  Raises: SpecError."""
+        if self.leader is not None:
+            cure = "Use certify, verify, simulate, sweep, analyse, build_model or to_control, which know it."
+            raise about("leader", f"{what} is not available yet for a target that moves.", cure)
+
     def require_one_exosystem(self) -> None:
         """Refuse a problem with several groups.  Raises: SpecError."""
         if self.is_grouped:
@@ -453,6 +468,16 @@ class Problem(Shown):
                 "Use certify, verify, design, simulate, falsify or to_c, which know groups; or give every agent"
                 " the same A and C.",
             )
+
+    @property
+    def slopes_move(self) -> bool:
+        """Whether the slopes of f move with a leader (``as_integrators``): those at one point prove nothing then."""
+        return self.node is not None and self.leader is not None
+
+    @property
+    def leads(self) -> tuple[settings.Pair, ...]:
+        """Where a leader may start, m pairs, which a goal is to be moved by; 0 without one."""
+        return ((Fraction(0), Fraction(0)),) * self.m if self.leader is None else self.leader.initial
 
     @property
     def is_linear(self) -> bool:
@@ -471,6 +496,11 @@ class Problem(Shown):
         """xbar + offset_i, where agent i is to go."""
         offset = self.offsets.get(agent)
         return self.target if offset is None else tuple(x + o for x, o in zip(self.target, offset, strict=True))
+
+    def input_at(self, goal: Vector) -> Vector:
+        """u0 (p,), the constant input that holds a goal; beside a leader, which no input holds, its offset."""
+        own = None if self.dynamics is None or (self.leader and self.dynamics.f) else self.dynamics
+        return (own and own.feedforward(goal)) or (Fraction(0),) * self.inputs
 
 
 def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any, dynamics: Dynamics | None = None) -> int:

@@ -83,6 +83,7 @@ Guarantee = Annotated[Any, _GIVEN, WithJsonSchema({"enum": list(GUARANTEES)})]
 _COUNT = {"type": "integer", "minimum": 1, "maximum": MOST_AGENTS}
 Agents = Annotated[Any, _GIVEN, WithJsonSchema(_either(_COUNT, _list_of(_LABEL)))]
 Pairs = Annotated[Any, _GIVEN, WithJsonSchema(_either(_INTERVAL, _list_of(_INTERVAL, None)))]
+Box = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBER, _list_of(_either(_NUMBER, _INTERVAL))))]
 Rows = Annotated[Any, _GIVEN, WithJsonSchema(_either(_NUMBERS, _list_of(_NUMBERS, None)))]
 ModeNames = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_TEXT))]
 Instants = Annotated[Any, _GIVEN, WithJsonSchema(_list_of(_INSTANT))]
@@ -230,6 +231,13 @@ class DynamicsTable(_Table):
     B: NumberMatrix = Field(default=None, description="m x p with full column rank; by default the identity.")
 
 
+class LeaderTable(_Table):
+    """[leader]: the target is a solution of s' = A s, or f(s)."""
+
+    initial: Box = Field(description="s(0): m pairs [lo, hi], or numbers.")
+    stays_in: Box = Field(default=None, description="With f: a box that s never leaves; else one is looked for.")
+
+
 class ActuatorsTable(_Table):
     """[actuators]: what the actuators can give."""
 
@@ -256,6 +264,7 @@ class ProblemFile(_Table):
     uncertainty: UncertaintyTable | None = None
     actuators: ActuatorsTable | None = None
     dynamics: DynamicsTable | None = None
+    leader: LeaderTable | None = None
 
 
 RESERVED = {"delays"}

@@ -40,9 +40,9 @@ def items(value: Any, *, key: str) -> Iterable[tuple[Any, Any]]:
     return value.items()
 
 
-def _values(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
+def keyed(value: Any, keys: Sequence[str], *, key: str) -> list[Any]:
     """What a table, which may have no other keys than these, or a noun has under them; None where it has nothing."""
-    if isinstance(value, Region if key == "region" else Simulation):
+    if type(value).__name__.lower() == key:
         return [getattr(value, name) for name in keys]
     for name, _ in items(value, key=key):
         if name not in keys:
@@ -54,17 +54,18 @@ def read_region(value: Any, *, dimension: int, with_exosystem: bool) -> Region |
     """Read the [region] table, with one pair for all components or m pairs.  Raises SpecError naming the key."""
     if value is None:
         return None
-    initial_states, disturbance = _values(value, ("initial_states", "initial_disturbance"), key="region")
+    initial_states, disturbance = keyed(value, ("initial_states", "initial_disturbance"), key="region")
     errors: list[SpecError] = []
     with kept(errors):
-        initial_states = _read_pairs(initial_states, key="region.initial_states", dimension=dimension)
+        initial_states = read_pairs(initial_states, key="region.initial_states", dimension=dimension)
     with kept(errors):
         disturbance = _read_disturbance(disturbance, with_exosystem=with_exosystem)
     raise_all(errors)
     return Region(initial_states=initial_states, initial_disturbance=disturbance)
 
 
-def _read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
+def read_pairs(value: Any, *, key: str, dimension: int) -> tuple[Pair, ...]:
+    """One pair for all components, or one for each.  Raises: SpecError naming the key."""
     nested = is_list(value) and all(is_list(entry) for entry in value)
     rows = list(value) if nested else [value] * dimension
     if not is_list(value) or len(rows) != dimension or (not nested and any(is_list(entry) for entry in value)):
@@ -115,7 +116,7 @@ class Simulation:
 
 def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) -> Simulation:
     """Read the [simulation] table; ``orders``: that of the exosystem, or n of them where agents have different ones."""
-    t_final, seed, xi0, x0 = _values({} if value is None else value, ("t_final", "seed", "xi0", "x0"), key="simulation")
+    t_final, seed, xi0, x0 = keyed({} if value is None else value, ("t_final", "seed", "xi0", "x0"), key="simulation")
     time = Fraction(20) if t_final is None else positive_number(t_final, key="simulation.t_final", unit="s")
     seed = 0 if seed is None else seed
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:

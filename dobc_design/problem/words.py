@@ -11,6 +11,8 @@ from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix, some
 from dobc_design.problem.arrays import unreached
 from dobc_design.problem.groups import Group
+from dobc_design.problem.integrators import as_integrators, enclosed
+from dobc_design.problem.leader import enclosure, not_enclosed
 from dobc_design.problem.meaning import disturbance_words, remarks, time_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
@@ -28,7 +30,8 @@ def describe(problem: Problem) -> str:
     others = f" ({counted(len(problem.exceptions), 'arc')} with another)" if problem.exceptions else ""
     lines = [
         f"{problem.name}: {counted(problem.n, 'agent')}, {counted(problem.m, 'state component')} each, {order}",
-        f"Target: {_vector(problem.target)}. Coupling: h = {'; '.join(problem.coupling.texts)}{others}.",
+        f"Target: {leader_words(problem) or _vector(problem.target)}."
+        f" Coupling: h = {'; '.join(problem.coupling.texts)}{others}.",
         *dynamics_lines(problem),
     ]
     for mode, arcs in problem.network.modes.items():
@@ -72,9 +75,27 @@ def dynamics_lines(problem: Problem) -> list[str]:
     inputs, moves = counted(own.inputs, "input"), "A x" if own.f is None else "f(x)"
     by = f"A = [{A}]" if own.f is None else f"f = ({', '.join(own.f)})"
     lines = [f"Agents: x' = {moves} + B (couplings + u + d), {inputs} each, {by}, B = [{B}]."]
-    labels = {own.feedforward(problem.goal_of(i)): problem.network.labels[i] for i in reversed(range(problem.n))}
+    labels = {problem.input_at(problem.goal_of(i)): problem.network.labels[i] for i in reversed(range(problem.n))}
     u0 = [f"{_vector(u)} for {label}" if len(labels) > 1 else _vector(u) for u, label in labels.items() if u and any(u)]
     return lines + [f"Inputs u0 that hold the goals: {some(u0, LISTED)}."] * bool(u0)
+
+
+def leader_words(problem: Problem) -> str:
+    """What a leader is, where it starts and stays, and who knows it."""
+    own, leader = problem.dynamics, enclosed(problem)
+    if own is None or leader is None:
+        return ""
+    starts, stays = (
+        " x ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in box or ())
+        for box in (leader.initial, leader.stays_in)
+    )
+    pins = problem.pinning.agents
+    known = f"the pinned agents alone know it ({some([problem.network.labels[i] for i in pins], LISTED)})"
+    known = "all agents know it" if len(pins) == problem.n else known if pins else "nobody knows it"
+    moving = as_integrators(problem).slopes_move
+    open_ = f"; {not_enclosed(own, leader).rstrip('.')}" if moving and enclosure(own, leader) is None else ""
+    kept = f"; it never leaves {stays}" if stays and not open_ else ""
+    return f"a leader, s' = {'A s' if own.f is None else 'f(s)'} from s(0) in {starts}{kept}; {known}{open_}"
 
 
 def gain_text(gain: Matrix) -> str:

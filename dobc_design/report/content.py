@@ -147,6 +147,7 @@ def _problem(problem: Problem) -> doc.Section:
     """The problem in a few sentences, and its equations with the numbers of the paper."""
     disturbed, own = ", disturbed" if problem.groups else "", problem.dynamics
     kind = disturbed if own is None else f"{disturbed}, {'dynamic' if own.f is None else 'nonlinear'}"
+    kind += "" if problem.leader is None else ", led in formation" if problem.offsets else ", led"
     agents = "" if own is None else "dynamic"
     equations = words.TEXTS["loop"][f"{agents}{' disturbed' if problem.groups else ''}".strip() or "plain"]
     coupling, target = _coupling(problem), _target(problem)
@@ -156,14 +157,14 @@ def _problem(problem: Problem) -> doc.Section:
     blocks: list[doc.Block] = [
         doc.Text(words.problem_words(problem)),
         *(
-            doc.Formula(_own(latex, own), name, equation, name + (disturbed if latex in _SHARED else kind))
+            doc.Formula(_own(latex, problem), name, equation, name + (disturbed if latex in _SHARED else kind))
             for name, latex, equation in equations
         ),
         *(() if own is None else (doc.Matrices(tuple(_plant(problem))),)),
         doc.Only(
             ("html", *doc.TEXTS), (*_nodes(own), doc.Formula(coupling, "coupling"), doc.Formula(target, "target"))
         ),
-        doc.Only(("pdf",), (doc.Facts((*plain, ("target", words.vector_text(problem.target)))),)),
+        doc.Only(("pdf",), (doc.Facts((*plain, ("target", words.target_words(problem)))),)),
         doc.Text(_letters(problem)),
     ]
     for head, sentences in (
@@ -175,8 +176,13 @@ def _problem(problem: Problem) -> doc.Section:
     return doc.Section("The problem", blocks, "problem", "Problem")
 
 
-def _own(latex: str, dynamics: Dynamics | None) -> str:
-    """An equation of the loop, with f(x) in place of A x where that is given."""
+def _own(latex: str, problem: Problem) -> str:
+    """An equation of the loop, with f(x) in place of A x where that is given, and with a leader as the target."""
+    dynamics = problem.dynamics
+    if problem.leader is not None and problem.offsets:
+        latex = latex.replace(r"x_i - \bar x_i", "x_i - s - o_i").replace(r"\bar x_i", "o_i")
+    elif problem.leader is not None:
+        latex = latex.replace(r"x_i - \bar x_i", "x_i - s").replace(r" + u^0_i, \quad A_x \bar x_i + B u^0_i = 0", "")
     if dynamics is None or dynamics.f is None:
         return latex
     return latex.replace("A_x x_i", "f(x_i)").replace(r"A_x \bar x_i", r"f(\bar x_i)")
@@ -209,7 +215,13 @@ def _coupling(problem: Problem) -> str:
 
 def _target(problem: Problem) -> str:
     """LaTeX of the target, as a number if it has one entry, else as a transposed row."""
-    target = problem.target
+    target, leader, own = problem.target, problem.leader, problem.dynamics
+    if leader is not None and own is not None:
+        box = r" \times ".join(
+            f"[{latex_number(lo)}, {latex_number(hi)}]" for lo, hi in leader.initial[:LONGEST_VECTOR]
+        )
+        starts = rf",\quad s(0) \in {box}" if len(target) <= LONGEST_VECTOR else ""
+        return rf"\dot s = {'A_x s' if own.f is None else 'f(s)'}{starts}"
     if len(target) > LONGEST_VECTOR:
         return rf"\bar{{x}} \in \mathbb{{R}}^{{{len(target)}}}"
     return rf"\bar{{x}} = {latex_number(target[0])}" if len(target) == 1 else rf"\bar{{x}} = {latex_matrix([target])}'"
@@ -220,14 +232,17 @@ def _letters(problem: Problem) -> doc.Words:
     neighbours = ("Here ", doc.Math("N_i", "N_i"), " are the agents that i listens to, ")
     heard = (*neighbours, doc.Math("w_ij", "w_{ij}"), " weights (1 unless said), ")
     if problem.dynamics is not None:
+        led, held = problem.leader is not None, problem.leader is None or bool(problem.offsets)
+        knows = " (pinned agents know s, the others do not)" if led else ""
+        constant = (doc.Math("u⁰_i", "u^0_i"), " the constant input that holds the agent at its goal.")
+        whom = f"the {'leader s' if led else 'target'}{' plus its offset' if problem.offsets else ''}"
         return (
             *heard,
             doc.Math("e_i", "e_i"),
-            f" how far agent i is from the target{' plus its offset' if problem.offsets else ''}, ",
+            f" how far agent i is from {whom}, ",
             doc.Math("K_i", "K_i"),
-            " the gain of a pin, 0 without one, and ",
-            doc.Math("u⁰_i", "u^0_i"),
-            " the constant input that holds the agent at its goal.",
+            f" the gain of a pin, 0 without one{knows}{', and ' if held else '.'}",
+            *(constant if held else ()),
         )
     formation = (" Agents keep their formation: ", doc.Math("x_i", "x_i"), " is measured from the offset of agent i.")
     return (
@@ -284,6 +299,8 @@ def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.S
     matrices = doc.Matrices(tuple(_matrices(certificate)))
     own = certificate.problem.dynamics
     slopes = "" if own is None or own.f is None else " Aₓ holds the slopes of f at the target."
+    if slopes and certificate.problem.leader is not None:
+        slopes = " The slopes of f are bounded over a box that the leader never leaves."
     blocks: list[doc.Block] = [] if own is None else [doc.Text(words.TEXTS["fixed"]["by_errors"] + slopes)]
     blocks += list(_disturbed(certificate.problem) if certificate.problem.groups else _undisturbed())
     if matrices.items:

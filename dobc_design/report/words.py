@@ -23,7 +23,7 @@ from dobc_design.problem.meaning import disturbance_words, time_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region
-from dobc_design.problem.words import switching_words
+from dobc_design.problem.words import leader_words, switching_words
 from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
@@ -245,7 +245,7 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
     facts += [("Agents", told) for told in dynamics_words(problem)]
     facts += [
         ("Coupling", f"h(y) = {', '.join(problem.coupling.texts).replace('-', '−')}"),
-        ("Target", vector_text(problem.target)),
+        ("Target", target_words(problem)),
     ]
     if problem.region is not None:
         facts.append(("Starts asked for", _starts(problem.region)))
@@ -262,7 +262,7 @@ def dynamics_words(problem: Problem) -> list[str]:
     own = problem.dynamics
     if own is None:
         return []
-    rows = [[number_text(x) for x in own.feedforward(problem.goal_of(i)) or ()] for i in range(problem.n)]
+    rows = [[number_text(x) for x in problem.input_at(problem.goal_of(i))] for i in range(problem.n)]
     by_input: dict[str, list[str]] = {}
     for agent, row in enumerate(rows):
         by_input.setdefault(f"({', '.join(row)})", []).append(problem.network.labels[agent])
@@ -308,9 +308,7 @@ def agents_table(problem: Problem) -> doc.Table | None:
         doc.Column(
             "k in 1/s" if problem.dynamics is None else "K", lambda i: _gain(gains[i]) if i in gains else "–", 0.8
         ),
-        doc.Column(
-            "goal", lambda i: vector_text(problem.goal_of(i)), only=doc.EVERY if problem.offsets else ("markdown",)
-        ),
+        doc.Column("goal", lambda i: _goal(problem, i), only=doc.EVERY if problem.offsets else ("markdown",)),
         *(doc.Column(f"listens to in {name}", lambda i, each=each: each[i], 2) for name, each in heard),  # type: ignore[misc]
     )
 
@@ -376,6 +374,11 @@ def problem_words(problem: Problem) -> str:
     return " ".join(told)
 
 
+def _goal(problem: Problem, agent: int) -> str:
+    goal = vector_text(problem.goal_of(agent))
+    return goal if problem.leader is None else f"s + {goal}" if agent in problem.offsets else "s"
+
+
 def size_sentence(problem: Problem) -> str:
     """n, m, q and the number of modes."""
     modes, disturbance = len(problem.network.modes), "no disturbance"
@@ -439,6 +442,11 @@ def names_in_words(names: Sequence[str], most: int = MOST_NAMES) -> str:
     if len(names) > most:
         return f"{', '.join(names[:most])} and {len(names) - most} more"
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else "nobody"
+
+
+def target_words(problem: Problem) -> str:
+    """The target, a vector or a leader."""
+    return typeset(leader_words(problem)).replace(" x [", " × [").replace("s'", "s′") or vector_text(problem.target)
 
 
 def vector_text(vector: Vector) -> str:

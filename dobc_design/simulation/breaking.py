@@ -161,6 +161,7 @@ def what_breaks_first(
         raise wrong("options", message, "Leave it out for all of them.")
     tolerance = positive(tolerance, "tolerance", example="0.1")
     problem = as_integrators(load_problem(problem))
+    problem.require_no_leader("the search for the stress that breaks a loop")
     if options is OPTIONS and problem.node is not None:
         options = tuple(option for option in OPTIONS if option != "period")  # refused for f of [dynamics]
     chosen, remark = (signal, None) if signal is not None else signal_of(problem)
@@ -197,7 +198,7 @@ def _late(run: Trajectory, stress: Stress) -> float:
     working = [place for place, label in enumerate(run.labels) if label not in gone]
     if run.diverged or not working:
         return np.inf
-    error = np.abs(run.x - run.goal)
+    error = np.abs(run.errors())
     return float(error[run.times >= LATE * run.t_final][:, working].max() / max(float(error[0].max()), 1e-300))
 
 

@@ -250,7 +250,8 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stack:
-    """Calm runs as columns: h(e) - K e + C eps, e (n m, R), eps (n, q, R); ``networks``: right-hand sides by mode."""
+    """Calm runs as columns: h(e) - K e + C eps, e (n m, R) and a leader, eps (n, q, R); ``networks``: right-hand sides
+    by mode."""
 
     loop: Loop
     networks: Callable[[int], Network]
@@ -264,8 +265,7 @@ class Stack:
 
         def derivative(e: Array, force: Array) -> Array:
             result = network(e)
-            if len(force):
-                result += force
+            result[: len(force)] += force
             return result
 
         return derivative
@@ -280,7 +280,7 @@ class Stack:
         return total.reshape(len(times), self.loop.n * self.loop.m, len(runs))
 
     def size(self, y: Array) -> Array:
-        return np.asarray(np.abs(y).max(axis=0, initial=0.0))
+        return np.asarray(np.abs(y[: self.loop.n * self.loop.m]).max(axis=0, initial=0.0))
 
     def switched(self, runs: IndexArray, modes: IndexArray) -> None:
         """Nothing is kept from one mode to the next."""

@@ -190,7 +190,8 @@ class Loop:
     """What does not depend on the mode, as floats; A, C, F, W and ``own`` as in ``problem.arrays.Disturbance``.
     Shapes: A, F (q, q), C (m, q), W (q, m) or (n, q, m), K (n m, n m), goal (n, m), own (n, q); q may be 0.  Of agents
     with [dynamics] these are those of integrators with the same errors, and ``plant`` has their own; ``bend`` is
-    f(goal + e) - f(goal) less its slopes at e = 0 for e (n, m, R), None where that is 0."""
+    f(goal + e) - f(goal) less its slopes at e = 0 for e (n, m, R), None where that is 0.  ``lead`` is s' of a leader s
+    (m, R), whose m numbers follow those of e in what is integrated; ``bend`` is of s, too, then."""
 
     n: int
     m: int
@@ -203,7 +204,13 @@ class Loop:
     goal: Array
     own: NDArray[np.bool_] | None = None
     plant: Plant | None = None
-    bend: Callable[[Array], Array] | None = None
+    bend: Callable[..., Array] | None = None
+    lead: Callable[[Array], Array] | None = None
+
+    @property
+    def rows(self) -> int:
+        """How many numbers e takes, with those of a leader."""
+        return self.m * (self.n + (self.lead is not None))
 
     @property
     def output(self) -> Array:
@@ -248,14 +255,22 @@ def make_loop(problem: Problem, gain: Gain | None) -> Loop:
     problem = as_integrators(problem)
     plant = arrays.plant_arrays(problem.origin or problem)
     given: dict[str, Any] = asdict(arrays.disturbance_arrays(problem, gain)) | {"K": arrays.pinning_matrix(problem)}
-    bend = None
+    bend = lead = node = None
     if plant is not None and problem.node is not None:
         node, slopes = compile_coupling(problem.couplings[problem.node]), plant.A
 
-        def bend(e: Array) -> Array:
-            return np.asarray(node(e) - act(slopes, e))
+        def bend(e: Array, s: Array | None = None) -> Array:
+            moved = node(e) if s is None else node(s + e) - node(s[None])
+            return np.asarray(moved - act(slopes, e))
 
-    return Loop(n=problem.n, m=problem.m, q=problem.q, goal=arrays.goals(problem), plant=plant, bend=bend, **given)
+    if plant is not None and problem.leader is not None:
+        own, start = plant.A, arrays.leaders_drift(problem)
+
+        def lead(s: Array) -> Array:
+            return np.asarray(own @ s if node is None else node(s[None])[0]) + start[:, None]
+
+    shape: dict[str, Any] = {"n": problem.n, "m": problem.m, "q": problem.q, "goal": arrays.goals(problem)}
+    return Loop(**shape, plant=plant, bend=bend, lead=lead, **given)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -268,8 +283,9 @@ class Network:
 
     def __call__(self, e: Array) -> Array:
         """Return h(e) - K e in a new array; not finite where a coupling overflows or is undefined.  Shapes: e (n m,) or
-        (n m, R) with one column for each of R runs; rows agent by agent."""
-        n = self.loop.n
+        (n m, R) with one column for each of R runs; rows agent by agent, then those of a leader."""
+        n, m = self.loop.n, self.loop.m
+        e, s = e[: n * m], e[n * m :]
         rows = np.ascontiguousarray(e).reshape((n, -1) if e.size > n else (n,))
         total = np.zeros_like(rows)
         for block in self.blocks:
@@ -277,7 +293,10 @@ class Network:
         result = total.reshape(e.shape)
         result -= self.loop.K @ e
         if self.loop.bend is not None:
-            result += self.loop.bend(np.reshape(e, (n, self.loop.m, -1))).reshape(e.shape)
+            led = [np.reshape(s, (m, -1))] if len(s) else []
+            result += self.loop.bend(np.reshape(e, (n, m, -1)), *led).reshape(e.shape)
+        if len(s) and self.loop.lead is not None:
+            result = np.concatenate([result, self.loop.lead(s.reshape(m, -1)).reshape(s.shape)])
         return result
 
 
@@ -300,6 +319,11 @@ def full_pattern(loop: Loop, groups: Sequence[ArcGroup]) -> sp.csr_array:
 def errors_pattern(loop: Loop, groups: Sequence[ArcGroup], *, both: bool) -> sp.csr_array:
     """Who may influence whom in e, or in ``both`` [e; eps]."""
     own, alone = sp.eye_array(loop.n, format="csr"), _block(hears(groups, loop.n), loop.m, loop.m)
+    if loop.lead is not None:
+        alone = sp.block_array(
+            [[alone, np.ones((loop.n * loop.m, loop.m))], [None, np.ones((loop.m,) * 2)]], format="csr"
+        )
+        return sp.block_diag([alone, np.ones((loop.n * loop.q,) * 2)], format="csr") if both else alone
     rows = [[alone, _block(own, loop.m, loop.q)], [None, _block(own, loop.q, loop.q)]]
     return sp.block_array(rows, format="csr") if both else alone
 

@@ -51,8 +51,9 @@ class Plan(NamedTuple):
 
 def errors(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array, F: Array) -> Plan:
     """State e, flat (n m,), where the observer's error is known in closed form (22); else [e; eps], eps' = F eps (17).
-    Both may die out, while xi and z go on; nor is eps lost in the difference of two states that grow."""
-    shape, cut, both = (loop.n, loop.m), loop.n * loop.m, loop.q > 0 and closed is None
+    Both may die out, while xi and z go on; nor is eps lost in the difference of two states that grow.  A leader s
+    stands after e, and positions are relative to it."""
+    shape, cut, rows, both = (loop.n, loop.m), loop.n * loop.m, loop.rows, loop.q > 0 and closed is None
 
     def positions(state: Array) -> Array:
         return np.asarray(state[:cut].reshape(shape) + loop.goal)
@@ -63,13 +64,14 @@ def errors(loop: Loop, modes: Modes, closed: ClosedForm | None, eps0: Array, F: 
         network = network_of(loop, groups)
 
         def derivative(time: float, state: Array) -> Array:
-            result = network(state[:cut])
+            result = network(state[:rows])
             if closed is not None:
-                result.reshape(shape)[...] += eps0 @ closed.at(time).T
+                result[:cut].reshape(shape)[...] += eps0 @ closed.at(time).T
             if not both:
                 return result
-            eps = state[cut:].reshape(loop.n, loop.q)
-            return np.concatenate([result + (eps @ loop.C.T).ravel(), (eps @ F.T).ravel()])
+            eps = state[rows:].reshape(loop.n, loop.q)
+            result[:cut] += (eps @ loop.C.T).ravel()
+            return np.concatenate([result, (eps @ F.T).ravel()])
 
         return derivative, partial(errors_pattern, loop, groups, both=both)
 

@@ -60,7 +60,8 @@ class Ensemble(measures.Simulated):
     Shapes: seeds (R,); times (T,) in s; error and estimation_error (R, T), |e|_inf and |d - dhat|_inf, nan from where
     a run that diverged had ended; diverged (R,); ended (R,) in s; switches (R,), how often a run switched; goal (n, m);
     lengths (R,), the Euclidean |e| of all agents at the start; disturbances (R,), the largest |xi_i - xihat_i| there;
-    states (S, T, n, m), x of the first runs, which the figure shows (at most 5, none of very large networks).
+    states (S, T, n, m), x of the first runs, which the figure shows (at most 5, none of very large networks); leader
+    (S, T, m), that of these runs, 0 without one.
     ``reasons`` says by run why it ended early; ``signal`` and ``stress`` are JSON, ``observer`` as in ``simulate``.
     ``simulate(problem, seed=seeds[r], ...)`` gives run r again, in full.
     """
@@ -86,6 +87,7 @@ class Ensemble(measures.Simulated):
     lengths: Array
     disturbances: Array
     states: Array
+    leader: Array
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
 
     def __post_init__(self) -> None:
@@ -274,22 +276,26 @@ def _facts(setting: Setting) -> dict[str, Any]:
 def _calm(setting: Setting, start: settings.Start, modes: Modes, progress: Progress | None) -> integrate.Outcome:
     """A run without stress: e with eps in closed form, else both of them."""
     loop, off, eps0 = setting.loop, setting.observer == "off", start.xi - start.xihat
-    closed, e0, F = settings.closed_form_of(setting), (start.x - loop.goal).ravel(), loop.A if off else loop.F
+    closed, F = settings.closed_form_of(setting), loop.A if off else loop.F
+    e0 = np.concatenate([(start.x - loop.goal - (start.s if len(start.s) else 0.0)).ravel(), start.s])
     along = loop.q > 0 and closed is None
     plan, flat = integrate.errors(loop, modes, closed, eps0, F), np.concatenate([e0, eps0.ravel()]) if along else e0
     implicit, tolerance = settings.is_stiff(setting, closed=not along), setting.tolerance
     run = integrate.Integration(
         plan, flat, setting.times, tolerance=tolerance, implicit=implicit, progress=progress
     ).run()
-    x = run.states[:, : len(e0)].reshape(-1, loop.n, loop.m) + loop.goal
+    e, s = np.split(run.states[:, : len(e0)], [loop.n * loop.m], axis=1)
+    e = e.reshape(-1, loop.n, loop.m)
+    x = e + loop.goal + (s[:, None] if loop.lead else 0.0)
     xi = evolve(loop.A, start.xi, run.times)
     eps = run.states[:, len(e0) :].reshape(xi.shape) if along else evolve(F, eps0, run.times)
     xihat = np.zeros_like(xi) if off else xi - eps
     if along:
         run.notes.append("The observer is too fast for its closed form: its error was integrated as well.")
     dhat = xihat @ loop.output.T
-    u = loop.control(x - loop.goal, dhat)
-    return run, {"x": x, "xi": xi, "xihat": xihat, "d": xi @ loop.output.T, "dhat": dhat, "u": u}
+    u = loop.control(e, dhat)
+    led = {"leader": s} if loop.lead else {}
+    return run, {"x": x, "xi": xi, "xihat": xihat, "d": xi @ loop.output.T, "dhat": dhat, "u": u, **led}
 
 
 def run_many(setting: Setting, runs: int, *, progress: Progress | None = None) -> Ensemble:
@@ -312,6 +318,7 @@ class _Collector:
         self.lengths, self.disturbances = np.zeros((2, runs))
         shape = (len(setting.times), setting.loop.n, setting.loop.m)
         self.states = np.full((min(runs, DRAWN_RUNS, MOST_STATES // int(np.prod(shape))), *shape), np.nan)
+        self.leader = np.zeros((len(self.states), shape[0], shape[2]))
         self.reasons: dict[int, str] = {}
         self.method = "DOP853, side by side"
 
@@ -347,6 +354,7 @@ class _Collector:
             lengths=self.lengths,
             disturbances=self.disturbances,
             states=self.states,
+            leader=self.leader,
         )
 
     def reason_for_single_runs(self, closed: ClosedForm | None) -> str:
@@ -378,7 +386,7 @@ class _Collector:
             switches = [shared if shared.graphs else settings.switches_for(setting, seed) for seed in seeds]
             runs = StressedRuns(setting=setting, groups=groups, starts=starts, seeds=seeds, switches=switches)
             for run, start in zip(chosen, starts, strict=True):
-                self.lengths[run] = np.linalg.norm(start.x - loop.goal)
+                self.lengths[run] = np.linalg.norm(start.x - loop.goal - (start.s if loop.lead else 0.0))
                 self.disturbances[run] = np.linalg.norm(start.xi - start.xihat, axis=1).max(initial=0.0)
 
             def part(done: float, chosen: IndexArray = chosen) -> None:
@@ -409,15 +417,18 @@ class _Collector:
     ) -> tuple[Array, dict[int, str]]:
         setting, loop = self.setting, self.setting.loop
         e, eps = runs.stacked("x") - loop.goal[..., None], runs.stacked("xi") - runs.stacked("xihat")
-        columns = e.reshape(loop.n * loop.m, -1)
+        s = np.stack([start.s for start in runs.starts], axis=1)
+        columns = np.concatenate([(e - s if loop.lead else e).reshape(loop.n * loop.m, -1), s])
         stack = Stack(loop=loop, networks=networks, closed=closed, e=columns, eps=eps, switches=padded(runs.switches))
         self.estimation[chosen] = 0.0
         weights: Any = [] if closed is None else np.moveaxis(closed.many(setting.times), 2, 0)
-        for place, weight in enumerate(weights if loop.plant is None else np.linalg.pinv(loop.plant.B) @ weights):
+        for place, weight in enumerate(
+            weights if loop.plant is None or closed is None else np.linalg.pinv(loop.plant.B) @ weights
+        ):
             self.estimation[chosen, place] = np.abs(np.tensordot(weight, eps, axes=(1, 1))).max(axis=(0, 1))
 
         def visit(sample: IndexArray, run: IndexArray, e: Array) -> None:
-            self.put(chosen, sample, run, e.reshape(loop.n, loop.m, -1))
+            self.put(chosen, sample, run, e)
 
         ends = stack.integrate(setting.times, tolerance=setting.tolerance, visit=visit)
         return ends.times, ends.reasons()
@@ -432,10 +443,14 @@ class _Collector:
         return self.setting.times[counts - 1], reasons
 
     def put(self, chosen: IndexArray, sample: IndexArray, run: IndexArray, e: Array, gap: Array | None = None) -> None:
-        """Errors e and d - dhat (n, m, k) of runs at their samples, (k,) each."""
-        own = chosen[run] < len(self.states)
-        self.error[chosen[run], sample] = np.abs(e).max(axis=(0, 1))
-        self.states[chosen[run][own], sample[own]] = np.moveaxis(e[..., own], -1, 0) + self.setting.loop.goal
+        """Errors e and d - dhat (n, m, k) of runs at their samples, (k,) each; or e flat, and a leader after it."""
+        loop, own = self.setting.loop, chosen[run] < len(self.states)
+        e, s = np.split(e.reshape(-1, len(run)), [loop.n * loop.m])
+        self.error[chosen[run], sample] = np.abs(e).max(axis=0)
+        if len(s):
+            self.leader[chosen[run][own], sample[own]] = s[:, own].T
+        states = e[:, own].T.reshape(-1, loop.n, loop.m) + loop.goal
+        self.states[chosen[run][own], sample[own]] = states + self.leader[chosen[run][own], sample[own]][:, None]
         if gap is not None:
             self.estimation[chosen[run], sample] = np.abs(gap).max(axis=(0, 1))
 
@@ -447,6 +462,7 @@ class _Collector:
         self.estimation[run, :count] = done.estimation_error()[:count]
         self.states[run : run + 1] = np.nan
         self.states[run : run + 1, :count] = done.x[:count]
+        self.leader[run : run + 1, :count] = done.leader[:count]
         self.ended[run], self.count[run] = done.times[-1], len(done.switches) - 1
         _, self.lengths[run], self.disturbances[run] = done.start_size()
         if done.diverged:

@@ -203,16 +203,18 @@ NUMBER = re.compile(r" *[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)? *")  #
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Start:
-    """One start: x (n, m), xi (n, q), xihat (n, q)."""
+    """One start: x (n, m), xi (n, q), xihat (n, q); of a leader s (m,), else of no numbers."""
 
     x: Array
     xi: Array
     xihat: Array
+    s: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Starts:
-    """Draws starts: x in [low, high], xi in a ball within an agent's ``own`` states, unless they are given."""
+    """Draws starts: x in [low, high], xi in a ball within an agent's ``own`` states, unless they are given; those of a
+    leader between ``leads`` (2, m), to which x is ``relative`` or not."""
 
     low: Array
     high: Array
@@ -221,6 +223,8 @@ class Starts:
     xi: Array | None
     xihat: Array
     own: NDArray[np.bool_] | None = None
+    leads: Array | None = None
+    relative: bool = False
 
     def draw(self, seed: int) -> Start:
         rng = np.random.default_rng(seed)
@@ -235,7 +239,11 @@ class Starts:
                 directions, exponent = directions * self.own, 1 / self.own.sum(axis=1, keepdims=True)
             lengths = np.linalg.norm(directions, axis=1, keepdims=True)
             xi = self.radius * rng.random((n, 1)) ** exponent * directions / np.maximum(lengths, 1e-300)
-        return Start(x=x, xi=xi, xihat=self.xihat)
+        s = np.zeros(0)
+        if self.leads is not None:
+            s = self.leads[0] + (self.leads[1] - self.leads[0]) * rng.random(self.leads.shape[1])
+            x = x + s if self.relative else x
+        return Start(x=x, xi=xi, xihat=self.xihat, s=s)
 
 
 def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
@@ -263,7 +271,9 @@ def make_starts(problem: Problem, loop: Loop, given: Given | None) -> Starts:
         radius = float(region.initial_disturbance)
     elif xi is None:
         xi = np.ones((n, q)) if loop.own is None else loop.own.astype(float)
-    return Starts(low=low, high=high, radius=radius, x=x, xi=xi, xihat=xihat, own=loop.own)
+    leads = None if problem.leader is None else to_float(problem.leads).T
+    led: dict[str, Any] = {"leads": leads, "relative": x is None and region is None}
+    return Starts(low=low, high=high, radius=radius, x=x, xi=xi, xihat=xihat, own=loop.own, **led)
 
 
 def _placed(rows: Sequence[Vector], loop: Loop) -> Array:
@@ -389,6 +399,8 @@ def make_setting(problem: Problem, *, gain: Gain | None, **given: Unpack[Options
         raise wrong("t_final", f"must be at most {LONGEST:g} s, beyond which floats are too coarse.", cure)
     loop = make_loop(require_floats(problem), no_gain(problem) if observer == "off" and gain is None else gain)
     drawn = drawn_graphs(problem)
+    if observer == "full-loop" or stress is not None:
+        problem.require_no_leader("a stress, or the full loop as printed,")
     times, notes = _times(given.get("samples"), horizon, loop.n * (4 * loop.m + 2 * loop.q))
     if stress is not None:
         stress.failing(problem)  # refuses agents that are not there

@@ -67,7 +67,7 @@ class Trajectory(Simulated):
     """Samples of a run; arrays cannot be written to.  Iterating gives one ``Sample`` after the other.
 
     Shapes: times (T,) in s; x (T, n, m); d, dhat, u (T, n, p), the inputs of [dynamics], else p = m; xi, xihat
-    (T, n, q); goal (n, m); mode_index (T,), the active mode
+    (T, n, q); goal (n, m); leader (T, m), 0 without one, to which goals are relative; mode_index (T,), the active mode
     as a place in ``switches.names``.  ``mode`` names the mode, or the modes and the signal; ``switches`` holds the
     exact instants.  ``diverged`` says that the run could not be carried to its end, ``t_final``: the samples are
     those before, and ``reason`` says why.  ``method`` names the integrator, ``notes`` say what was chosen.
@@ -96,13 +96,16 @@ class Trajectory(Simulated):
     stress: str = ""  # as JSON; "" where there was none
     loop_sha256: str = ""  # of the problem and W; "" where they were not recorded
     switches: Switches = field(default_factory=lambda: one_mode(""))  # default: ``mode`` throughout
+    leader: Array = field(default_factory=lambda: np.zeros(0))  # default: 0
     mode_index: IndexArray = field(init=False)
 
     def __post_init__(self) -> None:
         if self.switches.names == ("",):
             object.__setattr__(self, "switches", one_mode(self.mode))
         object.__setattr__(self, "mode_index", self.switches.at(self.times))
-        for name in ("times", "goal", "mode_index", *SAMPLED):
+        if not self.leader.size:
+            object.__setattr__(self, "leader", np.zeros((len(self.times), self.x.shape[2])))
+        for name in ("times", "goal", "leader", "mode_index", *SAMPLED):
             getattr(self, name).setflags(write=False)
 
     def __len__(self) -> int:
@@ -112,9 +115,13 @@ class Trajectory(Simulated):
         modes = (self.switches.names[place] for place in self.mode_index)
         return map(Sample, self.times.tolist(), modes, *(getattr(self, name) for name in SAMPLED))
 
+    def errors(self) -> Array:
+        """e = x - goal, of a leader x - leader - goal: (T, n, m)."""
+        return np.asarray(self.x - self.goal - self.leader[:, None])
+
     def error(self) -> Array:
         """|e|_inf, the largest distance of any component from its goal, at every sample: (T,)."""
-        return np.asarray(np.abs(self.x - self.goal).max(axis=(1, 2)))
+        return np.asarray(np.abs(self.errors()).max(axis=(1, 2)))
 
     def estimation_error(self) -> Array:
         """The largest component of d - dhat at every sample: (T,)."""
@@ -122,7 +129,7 @@ class Trajectory(Simulated):
 
     def start_size(self) -> tuple[float, float, float]:
         """Of the start: |e|_inf, the Euclidean |e| of all agents stacked, and the largest |xi_i - xihat_i|."""
-        e, eps = self.x[0] - self.goal, self.xi[0] - self.xihat[0]
+        e, eps = self.errors()[0], self.xi[0] - self.xihat[0]
         return float(np.abs(e).max()), float(np.linalg.norm(e)), float(np.linalg.norm(eps, axis=1).max(initial=0.0))
 
     @property
@@ -219,6 +226,7 @@ class Trajectory(Simulated):
             "times": self.times,
             "about": np.array(json.dumps(facts | {"modes": switches.names}, ensure_ascii=False)),
             "goal": self.goal,
+            **({"leader": self.leader} if self.leader.any() else {}),
             "switch_times": switches.times,
             "switch_modes": switches.modes,
             "graph_arcs": np.concatenate(switches.graphs or (np.zeros((2, 0), dtype=np.int64),), axis=1),
@@ -257,7 +265,7 @@ def load_trajectory(path: str | PathLike[str]) -> Trajectory:
     Returns: the Trajectory.  Raises: SpecError if the file is none.
     """
     with describing(Path(path), key="path", what="trajectory", cure="Give a file that Trajectory.save wrote."):
-        arrays = read_arrays(Path(path), (*STORED, *SAMPLED), _require_shapes)
+        arrays = read_arrays(Path(path), (*STORED, *SAMPLED, "leader"), _require_shapes)
         return _made(json.loads(str(arrays.pop("about"))), arrays)
 
 
@@ -277,6 +285,7 @@ def _require_shapes(shapes: Mapping[str, tuple[int, ...]]) -> None:
     arcs, graphs = shapes["graph_arcs"][1:2], shapes["graph_sizes"][:1]
     wanted = {"times": (samples,), "goal": (n, m), "switch_modes": switches, "switch_times": switches, "about": ()}
     wanted |= dict.fromkeys(("d", "dhat", "u"), (samples, n, *p)) | dict.fromkeys(("xi", "xihat"), (samples, n, q))
+    wanted |= {"leader": (samples, m)} if "leader" in shapes else {}
     wanted |= {"graph_arcs": (2, *arcs), "graph_sizes": graphs}
     wrong = [name for name, shape in wanted.items() if shapes[name] != shape]
     require(not wrong, f"the shapes of {', '.join(wrong)} do not fit that of x")
@@ -310,7 +319,7 @@ def _made(facts: Any, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
     require(sizes.sum() == arcs.shape[1] and ((arcs >= 0) & (arcs < n)).all(), "its arcs are not those of its agents")
     graphs = tuple(part.copy() for part in np.split(arcs, np.cumsum(sizes)[:-1], axis=1)) if len(sizes) else ()
     switches = Switches(times=begins, modes=modes, names=tuple(names), graphs=graphs)
-    given |= {name: arrays[name] for name in ("times", "goal", *SAMPLED)}
+    given |= {name: arrays[name] for name in ("times", "goal", "leader", *SAMPLED) if name in arrays}
     return Trajectory(labels=tuple(labels), notes=tuple(facts["notes"]), switches=switches, **given)
 
 

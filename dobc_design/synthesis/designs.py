@@ -42,6 +42,7 @@ def _under_guarantee(problem: Problem, found: Found) -> Found:
 
 def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
     """``coupling`` is for agents with [dynamics], ``others`` (a limit that is asked for) for those without."""
+    problem.require_fixed_arcs("a design")
     check_yes_or_no(coupling, "coupling", cure="True asks for a coupling, too.")
     if coupling and problem.dynamics is None:
         raise SpecError("coupling can be designed for agents with [dynamics] only.", key="coupling")

@@ -93,6 +93,7 @@ def free_shift_by_checker(M, sides) -> bool:
     problem = object.__new__(files.Problem)
     problem.m, problem.gains, problem.goals = len(sides), {0: [list(row) for row in M]}, [[Fraction(0)] * len(sides)]
     problem.region = type("Region", (), {"initial_states": sides})
+    problem.leads = [(Fraction(0), Fraction(0))] * problem.m
     return problem.leaves_free({0})
 
 

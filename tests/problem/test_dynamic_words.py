@@ -82,12 +82,12 @@ def test_every_equation_of_the_report_has_its_formula_for_the_pdf():
     """Names in report.typ: those of dynamics are made by a function, once for A and once for f."""
     from pathlib import Path
 
-    from dobc_design.report import content
+    from dobc_design.report import words
 
-    template = (Path(content.__file__).parent / "templates" / "report.typ").read_text("utf-8")
-    for name, latex, _ in content.LOOP_DYNAMIC:
+    template = (Path(words.__file__).parent / "templates" / "report.typ").read_text("utf-8")
+    for name, latex, _ in words.TEXTS["loop"]["dynamic"]:
         assert f'"{name}" + ending' in template, latex
-    for name, latex, _ in content.LOOP_DYNAMIC_DISTURBED:
+    for name, latex, _ in words.TEXTS["loop"]["dynamic disturbed"]:
         assert f'"{name}, disturbed"' in template, latex
 
 

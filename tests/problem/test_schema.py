@@ -15,7 +15,7 @@ from dobc_design.problem.schema import RESERVED, json_schema
 from dobc_design.problem.settings import GUARANTEES, KEYS, SIGNALS
 
 TABLES = ("network", "coupling", "pinning", "exosystem", "observer", "formation", "region", "switching", "simulation")
-TABLES += ("uncertainty", "actuators", "dynamics")
+TABLES += ("uncertainty", "actuators", "dynamics", "leader")
 CONTRACT = {
     "": {"schema", "name", "notes", "target", *TABLES},
     "network": {"agents", "arrow", "modes"},
@@ -32,6 +32,7 @@ CONTRACT = {
     "uncertainty": {"weights", "gains", "known_to_agents", "disturbance", "drift", "measurement"},
     "actuators": {"limit", "amplitude"},
     "dynamics": {"A", "f", "B"},
+    "leader": {"initial", "stays_in"},
 }
 
 
@@ -63,6 +64,7 @@ def test_what_must_be_there_is_required():
         "coupling.exceptions": {"arcs", "h"},
         "exosystem.groups": {"agents"},
         "region": {"initial_states"},
+        "leader": {"initial"},
     }
 
 

@@ -46,7 +46,6 @@ EQUIVALENT = {
     "left > 0": "it bounds the work.",
     "len(free) <= 12": "it bounds the work.",
     "value[0] == value[1]": "f less an end of an interval is not shown to vanish at the target, which the reader asks.",
-    "1 <= columns <= m": "without columns no goal is an equilibrium, and more than m are dependent.",
 }
 
 

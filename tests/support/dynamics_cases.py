@@ -21,7 +21,7 @@ from dobc_design.problem.dynamics import Dynamics
 LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
 BOTH_WAYS, WIDE = network([[1, 2], [2, 1]], agents=2), {"initial_states": [-5, 5]}
 DOUBLE: dict[str, Any] = {"dynamics": Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]), "coupling": "y1 + 2*y2"}
-OWN = ("theorem1-weighted", "theorem2-weighted", "linearisation", "max-separable", "delay", "lure")
+OWN = ("theorem1-weighted", "theorem2-weighted", "linearisation", "max-separable", "delay", "lure", "equilibrium")
 D, V, R, RATE = ["4", "1"], ["1", "2"], [["2", "1"], ["1", "2"]], 0.125
 ALL_ONE = {"D": ["1", "1"], "w": {"G": ["1", "1"]}}
 
@@ -42,6 +42,10 @@ def problems() -> dict[str, Problem]:
     planar = {"dynamics": Dynamics(A=[[-1, 0], [0, -1]]), "coupling": "y", "target": [0, 0]}
     turned = planar | {"dynamics": Dynamics(A=[[-1, 0], [0, -1]], B=[[1, 1], [0, 1]])}
     wide = Dynamics(A=[[-1, 0, 0], [0, -1, 0], [0, 0, -1]], B=[[1, 0], [0, 1], [0, 0]])
+    cubic = {"dynamics": Dynamics(f=["x - x**3"]), "coupling": "3*y", "gains": {1: 4}}
+    cubic["leader"] = {"initial": ["-1/2", "1/2"], "stays_in": [-1, 1]}
+    near = {"initial": ["-1/4", "1/4"], "stays_in": [-1, 1]}
+    still, at_0 = Dynamics(A=[[0]]), {"leader": {"initial": 0}}
     groups = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
     return {
         "line": line(),
@@ -65,14 +69,30 @@ def problems() -> dict[str, Problem]:
         "pendulum": line(dynamics=Dynamics(f=["x2", "-sin(x1) - x2"], B=[[0], [1]])),
         "bent": alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"])),
         "second": line(network=BOTH_WAYS, coupling="sin(y)", dynamics=Dynamics(f=["-x**3"]), gains="1/10", region=WIDE),
+        "led": line(**cubic),
+        "led near": line(**cubic | {"leader": near, "region": {"initial_states": ["-1/4", "1/4"]}}),
+        "led, unstable": alone("1/2", "y", 4, leader={"initial": [-1, 1]}),
+        "second, still": line(network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE),
+        "second, led": line(network=BOTH_WAYS, coupling="sin(y)", dynamics=still, gains="1/10", region=WIDE, **at_0),
+        "pushed off": alone(1, leader={"initial": [0, 3]}, region={"initial_states": [1, 2]}),
+        "pushed elsewhere": alone(1, leader={"initial": [3, 4]}, region={"initial_states": [1, 2]}),
+        "apart": alone(0, network=BOTH_WAYS, leader={"initial": [0, 5]}, region={"initial_states": [0, 1]}),
+        "apart elsewhere": alone(
+            0, network=BOTH_WAYS, leader={"initial": [-5, 5]}, region={"initial_states": [0, 1]}, offsets={1: 3}
+        ),
         "three": line(dynamics=wide, coupling=["y1", "y2"], gains=None, target=[0, 0, 0]),
     }
+
+
+@cache
+def certified(problem: str) -> bytes:
+    return certificate_bytes(certify(problems()[problem]).claims)
 
 
 def case(name: str, problem: str, check: Document | None, code: int, *more: tuple[str, Document]) -> Case:
     """The certificate of a small problem with this one claim of the topic, and the verdict that follows; ``more``:
     changes of the check with an id."""
-    document = json.loads(certificate_bytes(certify(problems()[problem]).claims))
+    document = json.loads(certified(problem))
     document["checks"] = [each for each in document["checks"] if each["id"] not in OWN] + [check] * (check is not None)
     for id, changes in more:
         bend(next(each for each in document["checks"] if each["id"] == id), changes)
@@ -156,7 +176,7 @@ def dynamics_cases() -> list[Case]:
     rows = claim("max-separable", box, 0.25, {"v": ["1", "1"], "alpha": "1/4", "rho": "1"})
     found.append(case("rows do not know what is left of f", "bent", rows, FAILS))
     found.append(case("an equilibrium that f moves", "second", second_box(), FAILS))
-    return [*found, *_held(), *_files()]
+    return [*found, *_held(), *_led(), *_files()]
 
 
 def _held() -> list[Case]:
@@ -174,6 +194,56 @@ def _held() -> list[Case]:
         document["checks"].append(more)
         code = HOLDS if more["id"] == "delay" else FAILS
         found.append(Case(f"unstable: {more['id']}", json.dumps(document).encode(), plain.problem, code))
+    return found
+
+
+def cubic(low: str = "-12", high: str = "11/10", **more: Any) -> Document:
+    """Of "led": f' = 1 - 3 x^2 is in [-11, 1] for s in [-1, 1] and |e| <= 1.  With A = 1 and gains between -12
+    and 11/10 g0 = -6.45, D = 6.55, and with tau = 1/(2 D) the inequality has [[-5.8, 3], [3, -3.8]] + 2 rate I."""
+    ranges = [{"coupling": 0, "gains": [[["3", "3"]]]}, {"coupling": 1, "gains": [[[low, high]]]}]
+    form = {"method": "lure", "P_e": [[0, 0, "1"], [1, 1, "1"]], "level": "1", "radius": "1", "ranges": ranges}
+    taus = {"multipliers": {"G": ["0", "10/131", "10/131"]}, "rate": "1/4"}
+    return claim("lure", {"kind": "ball", "radius": 1, "disturbance": 0}, 0.25, form | taus | more)
+
+
+def _led() -> list[Case]:
+    """A leader that moves: claims for every s, and what would be true for one that rests."""
+    found = [
+        case("by hand", "led", cubic(), HOLDS),
+        case("slopes without the errors", "led", cubic("-2"), FAILS),
+        case("slopes beyond", "led", cubic(high="9/10"), FAILS),
+        case("a wider region of errors", "led", cubic(radius="2", level="4"), FAILS),
+        case("everywhere", "led", cubic(radius=None, level=None) | {"domain": "global"}, FAILS),
+        case("by hand", "led near", cubic(), HOLDS),
+        case("rows", "led, unstable", claim("max-separable", "global", 0.25, {"v": ["1", "4"], "alpha": "1/4",
+            "rho": None}), HOLDS),
+        case("an equilibrium", "second, still", second_box(), HOLDS),
+        case("an equilibrium", "second, led", second_box(), FAILS),
+        case("the leader may start there", "pushed off", None, HOLDS),
+        case("refuted, though it starts elsewhere", "pushed elsewhere", None, FAILS),
+        case("undecided, though nothing pulls", "apart", None, FAILS),
+        case("no common start", "apart elsewhere", None, HOLDS),
+        # Slopes at 0 alone: J - K = [[-3, 0], [3, -2]].
+        case("at one point", "led", claim("linearisation", "consensus", 0.5, None), FAILS),
+        case("at one point", "led", claim("theorem1-weighted", "consensus", None, ALL_ONE | {"w": {"G": V}}), FAILS),
+        case("at one point", "led", cubic(), FAILS, ("lemma1", {"verdict": "proved", "margin": 0.1, "reason": ""})),
+    ]  # fmt: skip
+    late = json.loads(found[6].certificate)
+    late["checks"].append(claim("delay", "global", 0.125, {"delay": "1/8", "rate": "1/8"}))
+    found.append(Case("led, unstable: late", json.dumps(late).encode(), found[6].problem, FAILS))
+    for name, problem, changes in (
+        ("no box", "led", {"stays_in": GONE}),
+        ("a box without all starts", "led", {"initial": [["-3/2", "1/2"]]}),
+        ("a box that is left", "led", {"stays_in": [["-1/2", "1/2"]]}),
+        ("a box that is left above", "led", {"stays_in": [["-1", "1/2"]]}),
+        ("a box that is left below", "led", {"stays_in": [["-1/2", "1"]]}),
+        ("a larger box", "led", {"stays_in": [["-2", "2"]]}),
+        ("starts farther away", "led near", {"initial": [["-1/2", "1/2"]]}),
+    ):
+        plain = case("", problem, cubic(), HOLDS)
+        file = json.loads(plain.problem)
+        bend(file["leader"], changes)
+        found.append(about(file, json.loads(plain.certificate), name=f"{problem}: {name}", code=FAILS))
     return found
 
 
@@ -196,6 +266,13 @@ def _files() -> list[Case]:
         changed("f has an irrational slope", "pendulum", dynamics__f=["x2", "-exp(1)*x1 - x2"]),
         changed("f does not rest at the target", "pendulum", dynamics__f=["x2 + 1", "-sin(x1) - x2"]),
         changed("a formation of pendulums", "pendulum", offsets=[[1, ["1", "0"]]]),
+        changed("a leader of integrators", "integrators", leader={"initial": [["0", "0"], ["0", "0"]]}),
+        changed("a leader and a target", "led", target=["1"]),
+        changed("a leader is null", "led", leader=None),
+        changed("a leader without a start", "led", leader__initial=GONE),
+        changed("a leader between wrong ends", "led", leader__initial=[["1/2", "-1/2"]]),
+        changed("a key too many of a leader", "led", leader__box=[["-1", "1"]]),
+        changed("no inputs beside a leader", "led", dynamics={"f": ["x - x**3"], "B": [[]]}, coupling__h=[], gains=[]),
         changed("A is not square", "line", dynamics__A=[["0", "1"]]),
         changed("a key too many", "line", dynamics__C=[["1"]]),
         changed("no inputs", "planar", dynamics=flat | {"B": [[], []]}, coupling__h=[], gains=[]),

@@ -447,7 +447,9 @@ def state_theorems(problem: Problem) -> Statements:
     """State Lemma 1, Theorem 1 and Theorem 2 for ``problem`` at the consensus."""
     reason, jacobians = None, None
     kinked = next((coupling for coupling in problem.couplings if coupling.nonsmooth), None)
-    if kinked is not None:
+    if problem.slopes_move:
+        reason = "does not apply: the leader moves, and with it the slopes of f: those at one point prove nothing."
+    elif kinked is not None:
         reason = (
             f'does not apply: h = "{kinked.texts[0]}" uses {", ".join(kinked.nonsmooth)}; Lemma 1 and both theorems are'
             " for continuously differentiable couplings, and that is not shown here; use a smooth one, such as tanh for"

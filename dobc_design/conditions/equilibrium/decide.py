@@ -220,8 +220,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
         return f"an equilibrium can only refute, with the domain {domain!r}"
     if problem.groups and W is None:
         return "without W there is no loop that could rest"
-    if problem.node is not None:
-        return "it is not known for agents whose own dynamics are curved"
+    if problem.node is not None or problem.leader is not None:
+        return "it is not known for agents whose own dynamics are curved, nor with a leader, beside which nobody rests"
     if check.margin is not None or check.rate is not None or check.mode is not None:
         return "it claims a number that this check does not have"
     witness = check.witness

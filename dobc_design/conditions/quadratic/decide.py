@@ -24,7 +24,7 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import claimed, has_short_denominator, read_rational, rounded_up, shorten
 from dobc_design.conditions.quadratic import sectors as channels
 from dobc_design.conditions.quadratic.claim import METHODS, Lure, interval_matrix, lure_matrix, vertex_matrices
-from dobc_design.conditions.quadratic.sectors import GainRange, Sectors, build_sectors, gains_on
+from dobc_design.conditions.quadratic.sectors import GainRange, Sectors, build_sectors, gains_at
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import Interval, UndefinedError
@@ -32,6 +32,7 @@ from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, mult
 from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.arrays import unreached
+from dobc_design.problem.integrators import leaders_box
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -178,7 +179,7 @@ def _gains_left_open(problem: Problem, lure: Lure) -> str | None:
         if each.radius is None and not coupling.is_linear:
             return f'h = "{coupling.texts[0]}" is not linear, so its gains need a radius.'
         try:
-            found = gains_on(coupling, Fraction(1) if each.radius is None else each.radius)
+            found = gains_at(problem, each.coupling, Fraction(1) if each.radius is None else each.radius)
         except UndefinedError as error:
             return f"the gains cannot be enclosed: {error}"
         pairs = zip(each.entries, found, strict=True)
@@ -202,6 +203,11 @@ def quadratic_obstacle(problem: Problem, W: Matrix | None) -> str | None:
     """Why no quadratic certificate applies to the loop with the gain W (q, m); None if one does."""
     if problem.groups and W is None:
         return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
+    if problem.slopes_move:
+        try:
+            leaders_box(problem)
+        except UndefinedError as error:
+            return f"does not apply: {error}"
     for mode, arcs in problem.network.modes.items():
         if alone := unreached(problem, [arcs]):
             who = name_agents([problem.network.labels[i] for i in alone])

@@ -167,7 +167,7 @@ def rate_estimate(problem: Problem, lure: Lure) -> float:
 
 def linear_rate(problem: Problem, W: Matrix | None) -> float:
     """The decay rate near the consensus (1/s), which no certificate can exceed, about; 0 where that does not decay."""
-    gains = sample_gains(problem.couplings, NEAR)
+    gains = sample_gains(problem, NEAR)
     if gains is None:
         return 0.0
     loop = float_loop(programs.make_templates(problem), gains, radius=None, S=None, rate=0.0)
@@ -265,12 +265,12 @@ class _Search:
     def loop(self, radius: float | None) -> FloatLoop | None:
         """The numbers at a radius; None where the couplings have no bounded gains."""
         exact = None if radius is None else rounded_down(radius, digits=6)
-        reach, couplings = None if exact is None else float(exact), self.problem.couplings
+        reach = None if exact is None else float(exact)
         gains: Gains | None = None
         if self.sampled:
-            gains = sample_gains(couplings, 1.0 if reach is None else reach)
+            gains = sample_gains(self.problem, 1.0 if reach is None else reach)
         elif (ranges := self.ranges(exact)) is not None:
-            gains = programs.range_gains(ranges, len(couplings), self.problem.m)
+            gains = programs.range_gains(ranges, len(self.problem.couplings), self.problem.m)
         S = None if self.pair is None else self.pair.S
         return None if gains is None else float_loop(self.templates, gains, radius=reach, S=S, rate=float(self.rate))
 

@@ -22,7 +22,7 @@ from dobc_design.conditions.quadratic.sectors import GainRange
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
 from dobc_design.exact.number import nearest
-from dobc_design.problem.integrators import slopes_of_nodes
+from dobc_design.problem.integrators import leaders_box, slopes_of_nodes
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
 from dobc_design.solvers.program import Array
@@ -92,13 +92,20 @@ class FloatLoop:
         return np.asarray(Y[i, i] + Y[j, j] - 2 * Y[i, j])
 
 
-def sample_gains(couplings: Sequence[Coupling], radius: float) -> Gains | None:
-    """Lowest and highest gains of every coupling on |y_c| <= radius, about; None where one is not finite."""
-    found = [_by_component(each, radius) if each.by_component else _of_vectors(each, radius) for each in couplings]
+def sample_gains(problem: Problem, radius: float) -> Gains | None:
+    """Lowest and highest gains of every coupling on |y_c| <= radius, about, of nodes for every state of a leader; None
+    where one is not finite."""
+    known = problem.couplings[: problem.node if problem.slopes_move else None]
+    found = [_by_component(each, radius) if each.by_component else _of_vectors(each, radius) for each in known]
+    if problem.slopes_move:
+        box = leaders_box(problem)
+        half = np.array([nearest(side.width / 2) for side in box])
+        found.append(_of_vectors(problem.couplings[-1], radius + half, np.array([nearest(x.midpoint) for x in box])))
     low, high = (np.array(ends) for ends in zip(*found, strict=True))
     if not (np.all(np.isfinite(low)) and np.all(np.isfinite(high))):
         return None
-    margin = WIDER * np.where(high > low, np.maximum(np.abs(low), np.abs(high)), 0.0)
+    bent = np.array([not each.is_linear for each in problem.couplings])[:, None, None]
+    margin = WIDER * np.where(bent, np.maximum(np.abs(low), np.abs(high)), 0.0)
     return low - margin, high + margin
 
 
@@ -126,18 +133,19 @@ def _by_component(coupling: Coupling, radius: float) -> Gains:
     return low * np.eye(m), high * np.eye(m)
 
 
-def _of_vectors(coupling: Coupling, radius: float) -> Gains:
-    """Central differences at the corners, the centre and scattered points."""
+def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array = 0.0) -> Gains:
+    """Central differences at the corners, the centre and scattered points, for |y_c - about_c| <= radius, or its c."""
+    radius = np.broadcast_to(radius, coupling.dimension)
     m = coupling.dimension
     corners = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=m))) if m <= 4 else np.zeros((1, m))
     scattered = np.random.default_rng(0).uniform(-1, 1, (SCATTERED, m))
-    points = radius * np.concatenate([corners, scattered]) * (1 - _STEP)
+    points = about + radius * np.concatenate([corners, scattered]) * (1 - _STEP)
     low, high = np.zeros((m, m)), np.zeros((m, m))
     for d in range(m):
         step = np.zeros(m)
-        step[d] = _STEP * radius
+        step[d] = _STEP * radius[d]
         with np.errstate(all="ignore"):
-            slopes = (coupling.value(points + step) - coupling.value(points - step)) / (2 * _STEP * radius)
+            slopes = (coupling.value(points + step) - coupling.value(points - step)) / (2 * step[d])
         low[:, d], high[:, d] = np.min(slopes, axis=0), np.max(slopes, axis=0)
     flat, middle = high - low < 1e-7 * (np.abs(high) + np.abs(low) + 1e-300), (low + high) / 2
     return np.where(flat, middle, low), np.where(flat, middle, high)

@@ -23,7 +23,7 @@ from dobc_design.coupling.tree import GradientAlgebra, evaluate
 from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.work import spend
-from dobc_design.problem.integrators import slopes_of_nodes
+from dobc_design.problem.integrators import leaders_box, slopes_of_nodes
 from dobc_design.problem.problem import Problem
 
 Entries = tuple[tuple[Interval, ...], ...]  # m x m
@@ -92,6 +92,23 @@ def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
     return _jacobian_hull(coupling, (box,) * coupling.dimension)
 
 
+def gains_at(problem: Problem, place: int, radius: Fraction) -> Entries:
+    """The same by the place of the coupling; that of the nodes for every state of a leader.  Raises: UndefinedError."""
+    if place == problem.node and problem.leader is not None:
+        return slopes_of_node(problem, (Interval(-radius, radius),) * problem.m)
+    return gains_on(problem.couplings[place], radius)
+
+
+def slopes_of_node(problem: Problem, errors: Box) -> Entries:
+    """Enclose the slopes of f at s + e for all e in a box of errors, (m, m), and all s in the box that a leader never
+    leaves: f(s + e) - f(s) = F e with F in their hull, where the errors hold 0.  Raises: UndefinedError."""
+    if problem.node is None:
+        A = slopes_of_nodes(problem)
+        return tuple(tuple(map(Interval.point, row)) for row in A)
+    box = tuple(s + e for s, e in zip(leaders_box(problem), errors, strict=True))
+    return _jacobian_hull(problem.couplings[problem.node], box)
+
+
 def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRange, ...]:
     """Enclose every coupling that arcs use, widened by ROOM and to DIGITS digits where it is not linear.  Raises:
     SpecError for a radius that is not > 0, or None for a coupling that is not linear; UndefinedError."""
@@ -103,7 +120,7 @@ def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRa
         if radius is None and not coupling.is_linear:
             what = f'must be a number, because h = "{coupling.texts[0]}" is not linear; got None.'
             raise wrong("radius", what, "Give the largest |e_j - e_i| to be considered.")
-        entries, room = gains_on(coupling, radius or Fraction(1)), 0 if coupling.is_linear else ROOM
+        entries, room = gains_at(problem, place, radius or Fraction(1)), 0 if coupling.is_linear else ROOM
         widened = tuple(tuple(_widened(gain, room * gain.magnitude) for gain in row) for row in entries)
         found.append(GainRange(coupling=place, radius=radius, entries=widened))
     return tuple(found)
@@ -186,6 +203,7 @@ def used_couplings(problem: Problem) -> list[int]:
 def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
     """The hull of J over a box, entry by entry, by branch and bound on both ends."""
     algebra, cost = GradientAlgebra(len(box)), sum(map(len, coupling.texts))
+    bending = _curved_variables(coupling) or range(len(box))
 
     @cache
     def jacobian(part: Box) -> Entries:
@@ -205,7 +223,7 @@ def _jacobian_hull(coupling: Coupling, box: Box) -> Entries:
                 break
             heapq.heappop(heap)
             spend(2 * cost)
-            side = max(range(len(part)), key=lambda k: part[k].width)
+            side = max(bending, key=lambda k: part[k].width)
             for number, half in enumerate(part[side].halves()):
                 piece = (*part[:side], half, *part[side + 1 :])
                 attained = max(attained, bounds(tuple(Interval.point(each.midpoint) for each in piece)).lo)

@@ -15,7 +15,7 @@ from dobc_design.conditions.separable import checks, propose
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import covers, verify_separable
 from dobc_design.conditions.separable.propose import SeparablePlan
-from dobc_design.conditions.separable.timing import longest_delay
+from dobc_design.conditions.separable.timing import LEADER_GOES_ON, longest_delay
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.verdict import Verdict
 
@@ -135,6 +135,8 @@ def _timing(asked: Asked, claim: Separable, check: Check, report: Progress) -> l
     fastest = claim.alpha if claim.error is None else min(claim.alpha, claim.error.beta)
 
     def delay() -> Check:
+        if problem.leader is not None:
+            return undecided_check("delay", asked.domain, LEADER_GOES_ON, applies=False)
         bound = longest_delay(problem, claim, rate=rounded_down(fastest * KEPT, digits=4))
         if bound is None:
             return undecided_check("delay", asked.domain, "no delay is found that leaves half the rate.")

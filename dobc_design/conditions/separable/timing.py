@@ -37,6 +37,7 @@ _CLOSE = Fraction(1, 1000)
 _UNSURE, _NEAR = Fraction(1, 10**12), Fraction(1, 10**9)
 _MANY_ARCS = 100  # from which on slopes are bounded once on every part of the box
 _ZERO = Fraction(0)
+LEADER_GOES_ON = "does not apply: while a message is late the leader goes on, so that errors are not all that it tells."
 
 
 def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> SeparableAnswer:
@@ -47,6 +48,8 @@ def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> Separ
     if claim.error is not None and bound.rate > claim.error.beta:
         reason = "the rate exceeds beta, at which the observer error decays."
         return SeparableAnswer(verdict=Verdict.REFUTED, reason=reason)
+    if problem.leader is not None:
+        return SeparableAnswer(verdict=Verdict.UNDECIDED, reason=LEADER_GOES_ON)
     slower = Separable(v=claim.v, alpha=bound.rate, rho=claim.rho, error=claim.error)
     return verify_separable(problem, slower, stretch=exp(Interval.point(bound.rate * bound.delay)).hi)
 

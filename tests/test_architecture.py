@@ -51,7 +51,7 @@ ONLY_IN = {"pydantic": ("problem.load", "problem.schema"), "typst": ("report.pdf
 
 # What a proof rests on, by name: these rooms, and in every topic these files.
 TRUSTED_ROOMS = ("exact", "coupling", "problem", "certificate")
-TRUSTED_FILES = ("claim", "decide", "checks", "large", "network", "sectors", "timing")
+TRUSTED_FILES = ("claim", "coordinates", "decide", "checks", "large", "network", "sectors", "timing")
 # What no proof may rest on, however indirectly.
 UNTRUSTED_ROOMS = ("solvers", "model", "simulation", "falsification", "synthesis")
 UNTRUSTED_PACKAGES = ("casadi", "clarabel", "control", "cvxpy")

@@ -143,8 +143,8 @@ def envelope_of(problem: Problem, check: Check, claim: Claim | None, starts: Sta
     if isinstance(domain, Mapping):  # the largest value over the whole region
         radius, disturbance = (claimed(domain[name]) * (1 + ROUNDING) for name in ("radius", "disturbance"))
     if isinstance(claim, Separable):
-        first = radius / claim.least + error_share(claim, disturbance, unit=10**18)
-        return Envelope(id=check.id, height=first * max(claim.v), rate=composite_rate(claim))
+        first = radius * claim.spread + error_share(claim, disturbance, unit=10**18)
+        return Envelope(id=check.id, height=first * claim.reach, rate=composite_rate(claim))
     if isinstance(claim, Cycles) and claim.rate is not None:
         return _bound_of_weights(problem, claim, radius, disturbance)
     if isinstance(claim, Lure | Shell):

@@ -281,7 +281,7 @@ class _Gatherer:
     def _turning(self, check: Check) -> str:
         """Where a coupling does not rise with the distance, neighbours pull less the farther they are."""
         claim = check.claim
-        if not isinstance(claim, Separable) or claim.rho is None:
+        if not isinstance(claim, Separable) or claim.T is not None or claim.rho is None:
             return ""
         reaches = largest_reach(self.problem, claim.v)
         for coupling, reach in zip(self.problem.couplings, reaches, strict=True):
@@ -307,7 +307,7 @@ def _variant(check: Check) -> str:
 
 def _agents(problem: Problem, check: Check) -> tuple[AgentBound, ...]:
     claim, domain = check.claim, check.domain
-    if not isinstance(domain, Mapping) or not isinstance(claim, Separable) or claim.rho is None:
+    if not isinstance(domain, Mapping) or not isinstance(claim, Separable) or claim.T or claim.rho is None:
         return ()
     if problem.n > MOST_AGENTS:
         return ()

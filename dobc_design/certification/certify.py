@@ -196,7 +196,8 @@ def region_checks(
             near = replace(asked, disturbance=max(asked.disturbance, least))
             near = near if everything else replace(asked, radius=NEAR, ball=NEAR, disturbance=least)
             return quadratic_stage(near, report)
-        if not (known or everything or domain == "global") and problem.network.switches:
+        several = problem.network.switches or problem.origin is not None
+        if several and not (known or everything or domain == "global"):
             asked = read_region(problem, W, domain=domain, everything=False)
             asked = replace(asked, radius=NEAR, disturbance=NEAR * (W is not None))
             found = separable_stage(asked, report)

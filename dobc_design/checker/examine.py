@@ -7,6 +7,7 @@ from typing import Any
 
 from .accuracy import accuracy
 from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
+from .coordinates import boxes
 from .cycles import allowed, schedule
 from .files import Certificate, Problem
 from .graphs import markov, may_stay, safety
@@ -15,14 +16,14 @@ from .matrices import product, stable
 from .quadratic import exhaustive, lure
 from .reading import MAX_BYTES, Refused, need, rational
 from .schedule import settling
-from .separable import delay, equilibrium, max_separable, sampling
+from .separable import delay, equilibrium, sampling
 
 __all__ = ["MAX_BYTES", "Refused", "examine"]
 
 
 FACTS = (*OF_GROUPS, "reachability")
 REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
-    "max-separable": max_separable,
+    "max-separable": boxes,
     "delay": delay,
     "sampling": sampling,
     "tolerance": tolerance,
@@ -101,7 +102,7 @@ def regional(case: Certificate, check: Any) -> None:
     p = case.problem
     need(check.margin is None, "it has no margin to claim")
     need(p.q == 0 or case.W is not None, "there is no observer gain")
-    if check.id not in ("lure", "equilibrium", "markov"):
+    if check.id not in ("max-separable", "lure", "equilibrium", "markov"):
         need(
             not p.nodes and all(coupling.single for coupling in p.couplings),
             "a coupling is a list, or nodes are curved",
@@ -145,9 +146,11 @@ def covers(case: Certificate, check: Any) -> bool:
         return False
     if type(domain) is str:
         return bool(domain == "global")
-    if p.region is None:  # a box around the target answers the local question of several modes, or with a leader
+    if (
+        p.region is None
+    ):  # a box around the target answers the local question: several modes, dynamics, leaders
         near = domain.radius > 0 and (not p.q or domain.disturbance > 0)
-        box = check.id in ("max-separable", "schedule", "markov") and p.switches
+        box = check.id in ("max-separable", "schedule", "markov") and (p.switches or p.B is not None)
         return bool((safe or box or (check.id == "lure" and p.nodes and p.leader)) and near)
     sides = list(zip(p.region.initial_states, p.leads, strict=True))
     ends = [[end - s for end in side for s in leads] for side, leads in sides]

@@ -3,6 +3,7 @@
 lure: where the gains of all arcs are inside their ranges. exhaustive: farther out as well, in every box of a tree.
 """
 
+import ast
 import itertools
 import re
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from .consensus import schur
-from .expressions import Coupling, variables
+from .expressions import Coupling, read_coupling, variables
 from .files import Certificate, Problem
 from .intervals import NOTHING, Floats, added, dot, enclosed, negative, times, total
 from .matrices import ZERO, Matrix, definite, diagonal, identity, largest, nonnegative, plus, product, transpose
@@ -66,7 +67,8 @@ def read_quadratic(case: Certificate, exact: Any, rate: Fraction | None = None, 
     need((claim.level is None) == (claim.radius is None), "level and radius are not both there")
     need(p.q == 0 or (transpose(claim.P) == claim.P and definite(claim.P)), "P > 0 is not shown")
 
-    ranges, costs = read_ranges(p, claim), noise(case, claim)
+    far = dict.fromkeys(p.couplings, None if claim.radius is None else [claim.radius] * m)
+    ranges, costs = read_ranges(p, claim, far), noise(case, claim)
     need(set(claim.multipliers) == set(p.modes if claim.method == "lure" else ()), "there are other multipliers")
     for mode in p.modes:
         forms = inequalities(p, claim, channels(p, mode, ranges), claim.multipliers.get(mode, []), costs)
@@ -129,35 +131,75 @@ def named(text: str, d: int) -> bool:
 
 
 # --- gains of the couplings
-def read_ranges(p: Problem, claim: Any) -> Ranges:
-    """The gains of every coupling that an arc has, shown on |y_c| <= radius."""
+def read_ranges(p: Problem, claim: Any, far: dict[Coupling, Any]) -> Ranges:
+    """The gains of every coupling that an arc has, shown on |y_c| <= far_c of the coupling."""
     used = {arc.coupling for arcs in p.modes.values() for arc in arcs}
     wanted = [k for k, h in enumerate(p.couplings) if h in used or k >= len(p.couplings) - p.nodes]
     need(sorted(each.coupling for each in claim.ranges) == wanted, "the ranges are not those of the couplings")
     found = {p.couplings[each.coupling]: each.gains for each in claim.ranges}
     nodes = p.couplings[-1] if p.nodes and p.leader else None
     known = ((h, gains) for h, gains in found.items() if h is not nodes)
-    need(all(gains_hold(h, gains, claim.radius) for h, gains in known), "the gains are not shown")
+    need(all(gains_hold(h, gains, far[h]) for h, gains in known), "the gains are not shown")
     if nodes:  # f(s + e) - f(s) for s in the box of the leader
-        r = enclosed(claim.radius or ZERO)[1]
-        around = [added(side, (-r, r)) for side in p.encloses()]
-        need(slopes_inside(nodes, found[nodes], around, CELLS), "the slopes of f are not shown")
+        need(far[nodes] is not None, "the slopes of f need a radius")
+        reach = ((-r, r) for r in (enclosed(x)[1] for x in far[nodes]))
+        around = [added(*sides) for sides in zip(p.encloses(), reach, strict=True)]
+        rows = list(zip(nodes.parts, found[nodes], strict=True))
+        need(slopes_inside(rows, around, CELLS), "the slopes of f are not shown")
     return found
 
 
-def gains_hold(h: Coupling, gains: Any, radius: Fraction | None) -> bool:
-    """h(y) = G(y) y with G(y) inside the gains, for |y_c| <= radius."""
+def gains_hold(h: Coupling, gains: Any, far: list[Fraction] | None) -> bool:
+    """h(y) = G(y) y with G(y) inside the gains, for |y_c| <= far_c."""
     m = len(gains)
     places = [(c, d) for c in range(m) for d in range(m)]
     if h.straight:
         return all(gains[c][d][0] <= h.slope(c, d)[0] and h.slope(c, d)[1] <= gains[c][d][1] for c, d in places)
-    if radius is None or radius <= 0:
+    if far is None or min(far) <= 0:
         return False
-    r = enclosed(radius)[1]
-    if not h.single:
-        return slopes_inside(h, gains, [(-r, r)] * m, CELLS)
-    beside = [gains[c][d] for c, d in places if c != d]
-    return all(lo <= 0 <= hi for lo, hi in beside) and all(secants_inside(h, gains[c][c], r) for c in range(m))
+    sides = [enclosed(r)[1] for r in far]
+    if h.single:
+        beside = [gains[c][d] for c, d in places if c != d]
+        return all(lo <= 0 <= hi for lo, hi in beside) and all(
+            secants_inside(h, gains[c][c], sides[c]) for c in range(m)
+        )
+    apart = [k for k, text in enumerate(h.h) if sum_of_curves(text)]
+    rest = [(part, row) for k, (part, row) in enumerate(zip(h.parts, gains, strict=True)) if k not in apart]
+    alone = all(secants_along(h.h[c], d, gains[c][d], sides[d]) for c in apart for d in range(m))
+    return alone and slopes_inside(rest, [(-r, r) for r in sides], CELLS)
+
+
+def sum_of_curves(source: str) -> bool:
+    """True if an expression is, as it is written, a sum of functions of one variable each."""
+    left: list[ast.expr] = [ast.parse(source, mode="eval").body]
+    while left:
+        node = left.pop()
+        match node:
+            case _ if variables_of(node) < 2:
+                continue
+            case ast.UnaryOp(operand=operand):
+                left.append(operand)
+            case ast.BinOp(left=a, op=ast.Add() | ast.Sub(), right=b):
+                left += [a, b]
+            case ast.BinOp(left=a, op=ast.Mult(), right=b) if not variables_of(a) or not variables_of(b):
+                left += [a, b]
+            case _:
+                return False
+    return True
+
+
+def variables_of(node: ast.expr) -> int:
+    """How many variables occur."""
+    return len({each.id for each in ast.walk(node) if isinstance(each, ast.Name) and re.fullmatch("y[0-9]*", each.id)})
+
+
+def secants_along(source: str, d: int, gain: list[Fraction], r: float) -> bool:
+    """The gain of a sum of functions of one variable each, in component d: the others are 0 there."""
+    text = re.sub(r"\by([0-9]*)\b", lambda y: "y" if int(y[1] or 1) == d + 1 else "0", source)
+    h = read_coupling((text,), 1)
+    if h.straight:
+        return gain[0] <= h.slope(0, 0)[0] and h.slope(0, 0)[1] <= gain[1]
+    return secants_inside(h, gain, r)
 
 
 def secants_inside(h: Coupling, gain: list[Fraction], r: float) -> bool:
@@ -178,16 +220,15 @@ def secants_inside(h: Coupling, gain: list[Fraction], r: float) -> bool:
     return all(shown(Curve(h, face), *side) for face in (False, True) for side in sides)
 
 
-def slopes_inside(h: Coupling, gains: Any, box: list[Floats], halvings: int) -> bool:
-    """All slopes lie inside the gains on the box, or on both halves of it."""
-    m = len(box)
-    rows = [h.parts[c].at(*variables(box))[1] or (NOTHING,) * m for c in range(m)]
-    pairs = [pair for row, gain in zip(rows, gains, strict=True) for pair in zip(row, gain, strict=True)]
+def slopes_inside(rows: list[Any], box: list[Floats], halvings: int) -> bool:
+    """All slopes of expressions lie inside their gains on the box, or on both halves of it."""
+    slopes = [(part.at(*variables(box))[1] or (NOTHING,) * len(box), gains) for part, gains in rows]
+    pairs = [pair for row in slopes for pair in zip(*row, strict=True)]
     shown = all(low <= Fraction(x) and Fraction(y) <= high for (x, y), (low, high) in pairs)
     lo, hi = side = max(box, key=lambda each: each[1] - each[0])
     k, middle = box.index(side), (lo + hi) / 2
     halves = [[*box[:k], half, *box[k + 1 :]] for half in ((lo, middle), (middle, hi))]
-    return shown or (halvings > 0 and all(slopes_inside(h, gains, half, halvings - 1) for half in halves))
+    return shown or (halvings > 0 and all(slopes_inside(rows, half, halvings - 1) for half in halves))
 
 
 # --- the inequality

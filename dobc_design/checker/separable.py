@@ -212,13 +212,13 @@ def contains(case: Certificate, claim: Any, domain: Any) -> None:
     rows(case, claim, claim.alpha, Fraction(1))
 
 
-def composite(case: Certificate, claim: Any) -> None:
-    """The observer's part, if there is an exosystem."""
+def composite(case: Certificate, claim: Any, C: Matrix | None = None) -> None:
+    """The observer's part, if there is an exosystem; for errors that feel another C."""
     for P in [claim.P] if case.problem.q else []:
         short((x for row in P for x in row), MATRIX_BITS)
         need(transpose(P) == P and definite(P), "P > 0 is not shown")
         need(nonnegative([[-x for x in row] for row in omega(case, P, claim.beta)]), "beta is not shown")
-        squares = [product(transpose([c]), [c]) for c in case.problem.C]
+        squares = [product(transpose([c]), [c]) for c in C or case.problem.C]
         need(all(nonnegative(plus(P, -1, square)) for square in squares), "c'c <= P is not shown")
         need(nonnegative(plus(identity(case.problem.q, claim.size), -1, P)), "P <= size I is not shown")
 
@@ -230,9 +230,9 @@ def starts(case: Certificate, domain: Any, kind: str) -> None:
     need(case.problem.q > 0 or domain.disturbance == 0, "there is a disturbance, but no exosystem")
 
 
-def holds_box(claim: Any, box: Any, level: Fraction) -> None:
-    """V <= level at every start of the box."""
-    left, s = level - box.radius / min(claim.v), box.disturbance
+def holds_box(claim: Any, box: Any, level: Fraction, spread: Fraction | None = None) -> None:
+    """V <= level at every start of the box; ``spread``: of |e| <= 1, if N is in coordinates."""
+    left, s = level - box.radius * (spread or 1 / min(claim.v)), box.disturbance
     need(left >= 0, "the box leaves the region")
     need(s == 0 or (claim.kappa * s) ** 2 * claim.size <= left**2, "the disturbance leaves the region")
 

@@ -52,11 +52,11 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
 
 
 def _is_near(problem: Problem, check: Check) -> bool:
-    """Whether a box around the target is proved: under switching that answers the local question, too; so does a ball
-    where the slopes of f move with a leader."""
-    known = ("lure",) if problem.slopes_move else ("max-separable", "schedule", "markov", "safety")
+    """Whether a box around the target is proved: under switching, and for agents with dynamics, that answers the local
+    question, too; so does a ball where the slopes of f move with a leader."""
+    known = ("max-separable", "schedule", "markov", "safety", *("lure",) * problem.slopes_move)
     box = check.domain if check.id in known and isinstance(check.domain, Mapping) else {}
-    several = problem.network.switches or check.id == "safety" or problem.slopes_move
+    several = problem.network.switches or check.id == "safety" or problem.origin is not None
     return several and box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
 
 

@@ -56,37 +56,49 @@ STALLED = 0.8  # the part of its error halfway that a run still has at the end
 class BoxLevel:
     """V = max_k |e_k| / height_k + max_i |eps_i|_P, height (n m,), scaled so that it is 1 on the boundary.  ``rate`` in
     1/s: V(t) <= V(0) exp(-rate t) is certified while V <= 1.  ``P`` (q, q) is the observer's matrix, scaled like V;
-    None where the certificate is about eps = 0 only."""
+    None where the certificate is about eps = 0 only.  With ``T`` (m, m) it is T e_i that the heights belong to."""
 
     name: str
     rate: float
     height: Array
     P: Array | None
+    T: Array | None = None
 
     @property
     def lengths(self) -> Array:
         """How far the set reaches from side to side, about, by component of e: (n m,)."""
-        return np.asarray(2 * self.height)
+        return np.asarray(2 * self.height) if self.T is None else 2 * turned(np.abs(inverse(self.T)), self.height)
 
     def value(self, e: Array, eps: Array) -> Array:
         """V of states e (n m, R) and eps (n, q, R): (R,)."""
-        sides = np.abs(e) / self.height[:, None]
+        sides = np.abs(turned(self.T, e)) / self.height[:, None]
         return np.asarray(sides.max(axis=0) + observer_norms(self.P, eps).max(axis=0, initial=0.0))
 
     def gradient(self, e: Array, eps: Array) -> Pair:
         """A (sub)gradient of V at one state e (n m,), eps (n, q) with V > 0."""
         along, along_eps = np.zeros_like(e), np.zeros_like(eps)
-        place = int(np.argmax(np.abs(e) / self.height))
-        along[place] = np.sign(e[place]) / self.height[place]
+        z = turned(self.T, e)
+        place = int(np.argmax(np.abs(z) / self.height))
+        along[place] = np.sign(z[place]) / self.height[place]
         own = observer_norms(self.P, eps[:, :, None])[:, 0]
         if self.P is not None and own.max(initial=0.0) > 0:
             agent = int(np.argmax(own))
             along_eps[agent] = self.P @ eps[agent] / own[agent]
-        return along, along_eps
+        return along if self.T is None else turned(self.T.T, along), along_eps
 
     def directions(self, standard: Array) -> Array:
         """Errors (n m, R) that are spread over the set, from standard ones."""
-        return np.asarray(standard * self.height[:, None])
+        return turned(None if self.T is None else inverse(self.T), standard * self.height[:, None])
+
+
+def inverse(T: Array) -> Array:
+    """T^-1."""
+    return np.asarray(np.linalg.inv(T), dtype=float)
+
+
+def turned(T: Array | None, e: Array) -> Array:
+    """T e_i of every agent, for e (n m,) or (n m, R); e itself without T."""
+    return e if T is None else np.asarray((T @ e.reshape(-1, len(T), e[0].size)).reshape(e.shape))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -134,13 +146,14 @@ def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) ->
     if isinstance(certified, Shell):
         certified = certified.whole
     if isinstance(certified, Separable):
-        if len(certified.v) != problem.n:
-            raise wrong("certified", f"must have one v per agent ({problem.n}); got {len(certified.v)}.", cure)
+        T, count = None if certified.T is None else to_float(certified.T), problem.n * len(certified.T or (1,))
+        if len(certified.v) != count:
+            raise wrong("certified", f"must have {count} weights v for this problem; got {len(certified.v)}.", cure)
         rho, error, P = EVERYWHERE if certified.rho is None else float(certified.rho), certified.error, None
         if error is not None:
             P = to_float(error.P) * (float(error.kappa) / rho) ** 2
-        height = np.repeat([float(v) for v in certified.v], problem.m) * rho
-        return BoxLevel(name="max-separable", rate=float(composite_rate(certified)), height=height, P=P)
+        height = np.repeat([float(v) for v in certified.v], problem.m if T is None else 1) * rho
+        return BoxLevel(name="max-separable", rate=float(composite_rate(certified)), height=height, P=P, T=T)
     rows = problem.n * problem.m
     if certified.P_e.size != rows:
         raise wrong("certified", f"must have a P_e of {rows} rows; got {certified.P_e.size}.", cure)

@@ -29,7 +29,7 @@ COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     weighted_cases: (1, 1, 0),
     accuracy_cases: (1, 1, 0),
     margins_cases: (1, 1, 0),
-    dynamics_cases: (10, 31, 20),
+    dynamics_cases: (20, 55, 20),
 }
 
 
@@ -64,7 +64,7 @@ FEW = (
     ("quadratic", "claim.outer >= claim.level"),
 )
 REMOVED = [
-    *(each for file in ("cycles", "graphs") for each in removals(file) if each.text not in EQUIVALENT),
+    *(each for file in ("cycles", "graphs", "coordinates") for each in removals(file) if each.text not in EQUIVALENT),
     *removals("schedule"),
     *(pytest.param(each, marks=pytest.mark.slow) for each in removals("margins")),
     *(each for file, text in FEW for each in removals(file) if each.text == text),

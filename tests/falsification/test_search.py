@@ -163,7 +163,7 @@ def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refus
     with pytest.raises(SpecError, match="proved check of a region"):
         dd.falsify(problem, certified=certificate.checks[0])
     other = dd.certify(cycle(3, h="tanh(y)", region={"initial_states": [-1, 1]}))
-    with pytest.raises(SpecError, match="one v per agent"):
+    with pytest.raises(SpecError, match="must have 2 weights v"):
         dd.falsify(problem, certified=other)
 
 

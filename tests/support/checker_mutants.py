@@ -32,6 +32,7 @@ FILES = (
     "cycles",
     "schedule",
     "graphs",
+    "coordinates",
     "examine",
 )
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}

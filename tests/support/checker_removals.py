@@ -26,6 +26,7 @@ FIRST = {
     "schedule": tube_cases,
     "cycles": cycles_cases,
     "graphs": graphs_cases,
+    "coordinates": dynamics_cases,
 }
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT = {
@@ -41,6 +42,8 @@ EQUIVALENT = {
     "size <= COMPONENTS": "it bounds the work.",
     "len(tree) <= LETTERS": "it bounds the work; test_quadratic_checker.py has a longer one.",
     "p.n <= AGENTS": "it bounds the work.",
+    "m <= MOST": "it bounds the work.",
+    "pivots == [*range(m)]": "the rows of a singular T are dependent, so that no T X S dominates on its diagonal.",
     "halvings > 0": "it ends the search: without it a box that is not shown is cut for ever.",
     "rate * each.times[-1] <= LONGEST": "it bounds the work: the weights would have to fall as far.",
     "left > 0": "it bounds the work.",

@@ -4,6 +4,13 @@ Two double integrators, 2 hears 1, h(y) = y1 + 2 y2, agent 1 has the gain 1: G =
 M = [[1, 0], [-1, 1]].  With D = (4, 1) and c = 1/2 N = D M + M'D - 2 c D = [[4, -1], [-1, 1]], N (1, 2) = (2, 1); with
 c = 3/4 N is singular.  R = [[2, 1], [1, 2]] > 0 has R G = [[1, 2], [2, 4]] >= 0 and for c = 1/2
 A'R + R A - 2 c R G + 2 b R = [[4 b - 1, 2 b], [2 b, 4 b - 2]], < 0 for b = 1/8 and not for b = 1/4.
+
+In coordinates: p'' = h(p_1 - p_2) - 3 p', z = (p, p + p'/2) has z_1' = 2 (z_2 - z_1), and with gains g of the arc and
+k of the pin z_2' = -z_2 + (1 - (g + k)/2) z_1 + g/2 z_1j.  For g = 1, k = 1 at agent 1 and v = (4, 3), (8, 7) the rows
+allow 1/2, 1/3, 1/4 and 1/7; for g >= 3/4 the last one 1/14: tanh(r)/r is 0.7616 at r = 1 and 0.6947 at 1.2, where r =
+12 rho.  |e|_inf <= R has N <= R/2.  With d = xi seen by W = 2, T B C = (0, 1/2)'.  Pendulums without pins, v = (4, 3):
+1/2 and, for gains >= 3/4 of the sine, 1/6; sin(r)/r is 0.7767 at r = 1.2 and 0.7412 at 1.3, where r = 4 rho.  For
+h = (y1 y2 + y1, y2), K = I and v = 1 the worst row allows 1 - 2 r, r = 2 rho.
 """
 
 import json
@@ -47,6 +54,8 @@ def problems() -> dict[str, Problem]:
     near = {"initial": ["-1/4", "1/4"], "stays_in": [-1, 1]}
     still, at_0 = Dynamics(A=[[0]]), {"leader": {"initial": 0}}
     groups = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
+    drag = {"dynamics": Dynamics(A=[[0, 1], [0, -3]], B=[[0], [1]]), "gains": {1: [[1, 0]]}}
+    swing = Dynamics(f=["x2", "-sin(x1) - 3*x2"], B=[[0], [1]])
     return {
         "line": line(),
         "two modes": line(network=BOTH),
@@ -80,6 +89,12 @@ def problems() -> dict[str, Problem]:
         "apart elsewhere": alone(
             0, network=BOTH_WAYS, leader={"initial": [-5, 5]}, region={"initial_states": [0, 1]}, offsets={1: 3}
         ),
+        "drag": line(coupling="y1", **drag),
+        "drag, seen": line(coupling="y1", **drag, **watched),
+        "drag, bent": line(coupling="tanh(y1)", **drag),
+        "drag, bent, seen": line(coupling="tanh(y1)", **drag, **watched),
+        "swinging": line(coupling="y1", gains=None, dynamics=swing),
+        "vectors": line(coupling=["y1*y2 + y1", "y2"], dynamics=None, target=[0, 0], gains=1),
         "three": line(dynamics=wide, coupling=["y1", "y2"], gains=None, target=[0, 0, 0]),
     }
 
@@ -176,7 +191,104 @@ def dynamics_cases() -> list[Case]:
     rows = claim("max-separable", box, 0.25, {"v": ["1", "1"], "alpha": "1/4", "rho": "1"})
     found.append(case("rows do not know what is left of f", "bent", rows, FAILS))
     found.append(case("an equilibrium that f moves", "second", second_box(), FAILS))
-    return [*found, *_held(), *_led(), *_files()]
+    return [*found, *_coordinates(), *_held(), *_led(), *_files()]
+
+
+def rows(low: str = "1", domain: Any = "global", rate: Any = 0.142, **exact: Any) -> Document:
+    """Max-separable in coordinates, for gains of the arc between ``low`` and 1."""
+    T, gains = [["1", "0"], ["1", "1/2"]], [[["0", "0"], ["0", "0"]], [[low, "1"], ["0", "0"]]]
+    own: Document = {"T": T, "v": ["4", "3", "8", "7"], "alpha": "1/7", "rho": None}
+    return claim("max-separable", domain, rate, own | {"ranges": [{"coupling": 0, "gains": gains}]} | exact)
+
+
+def _coordinates() -> list[Case]:
+    def box(radius: Any, disturbance: Any = 0) -> Document:
+        return {"kind": "box", "radius": radius, "disturbance": disturbance}
+
+    def bent(
+        radius: Any = 0.166, s: Any = 0, rho: str = "1/12", rate: Any = 0.071, low: str = "3/4", **exact: Any
+    ) -> Document:
+        return rows(low, box(radius, s), rate, **{"alpha": "1/14", "rho": rho} | exact)
+
+    def swings(rho: str = "3/10", alpha: str = "3/20", low: str = "-3/4", one: str = "1", **exact: Any) -> Document:
+        found = rows("1", box(0.6), 0.15, v=["4", "3"] * 2, alpha=alpha, rho=rho, **exact)
+        own = [[["0", "0"], [one, one]], [["-1", low], ["-3", "-3"]]]
+        found["exact"]["ranges"] = [*found["exact"]["ranges"], {"coupling": 1, "gains": own}]
+        return found
+
+    def mixed(low: str = "37/50", high: str = "63/50", rho: str = "1/8") -> Document:
+        gains = [[[low, high], ["-13/50", "13/50"]], [["0", "0"], ["1", "1"]]]
+        one = {"v": ["1"] * 4, "alpha": "12/25", "rho": rho, "T": [["1", "0"], ["0", "1"]]}
+        return rows("1", box(0.125), 0.48, **one, ranges=[{"coupling": 0, "gains": gains}])
+
+    nothing, error = [["0", "0"]] * 3, {"P": [["1/4"]], "beta": "2", "kappa": "1/4", "size": "1/4"}
+    free = [{"coupling": 0, "gains": [[["0", "1"], *nothing[:2]], [nothing[0], ["0", "1"], nothing[0]], nothing]}]
+    many = [{"coupling": 0, "gains": [[["0", "1"], *[["0", "1/99"]] * 2], [["0", "1/99"], ["0", "1"], ["0", "1/99"]],
+        [["0", "1/99"], *nothing[:2]]]}]  # fmt: skip
+    unit = [["1" if a == b else "0" for b in range(3)] for a in range(3)]
+    found = {
+        "drag": [
+            ("by hand", rows(), HOLDS),
+            ("alpha beyond the last row", rows(alpha="1/6"), FAILS),
+            ("a rate above alpha", rows(rate=0.143), FAILS),
+            ("a rate of 0", rows(rate=0), FAILS),
+            ("no rate", rows(rate=None), FAILS),
+            ("v too flat", rows(v=["4", "3", "8", "8"]), FAILS),
+            ("v of agents only", rows(v=["4", "8"]), FAILS),
+            ("T is singular", rows(T=[["1", "0"], ["1", "0"]]), FAILS),
+            ("T is the identity", rows(T=[["1", "0"], ["0", "1"]]), FAILS),
+            ("T of another size", rows(T=[["1"]]), FAILS),
+            ("gains that it does not have", rows(low="2"), FAILS),
+            ("wider gains than the rows bear", rows(low="1/2"), FAILS),
+            ("wider gains", rows(low="3/4", rate=0.07, alpha="1/14"), HOLDS),
+            ("no gains", rows(ranges=[]), FAILS),
+            ("a box", rows(domain=box(1)), FAILS),
+            ("a rho, everywhere", rows(rho="1"), FAILS),
+            ("a box with rho", rows(domain=box(2), rho="1"), HOLDS),
+            ("the box leaves the set", rows(domain=box(2.1), rho="1"), FAILS),
+            ("refuted", rows() | {"verdict": "refuted"}, FAILS),
+            ("a key too many", rows(P=[["1"]]), FAILS),
+        ],
+        "drag, seen": [
+            ("by hand", rows(**error), HOLDS),
+            ("P is too small for T C", rows(**error | {"P": [["1/5"]]}), FAILS),
+            ("kappa is too small", rows(**error | {"kappa": "1/6"}), FAILS),
+            ("kappa is negative", rows(**error | {"kappa": "-1"}), FAILS),
+            ("no observer's part", rows(), FAILS),
+        ],
+        "drag, bent": [
+            ("by hand", bent(), HOLDS),
+            ("everywhere", bent() | {"domain": "global"}, FAILS),
+            ("without rho", bent(rho=None) | {"domain": "global"}, FAILS),
+            ("gains that hold nearer only", bent(rho="1/10"), FAILS),
+            ("gains from 0.7 on", bent(rho="1/10", low="69/100", rate=0.05, alpha="1/19"), HOLDS),
+            ("the box leaves the set", bent(0.167), FAILS),
+        ],
+        "drag, bent, seen": [
+            ("by hand", bent(0.1, 0.26, **error), HOLDS),
+            ("the disturbance leaves the set", bent(0.1, 0.27, **error), FAILS),
+        ],
+        "swinging": [
+            ("by hand", swings(alpha="1/6"), HOLDS),
+            ("a larger gain of what is linear", swings(one="101/100"), FAILS),
+            ("a smaller gain of what is linear", swings(one="99/100"), FAILS),
+            ("gains of the sine that hold nearer only", swings(rho="13/40"), FAILS),
+            ("alpha beyond the rows", swings(alpha="1/5"), FAILS),
+            ("no gains of f", swings(ranges=[]), FAILS),
+            ("the slope at the target for all", swings(low="-1"), FAILS),
+        ],
+        "three": [
+            ("by hand", rows(T=unit, v=["1"] * 6, alpha="1", rate=1, ranges=free), HOLDS),
+            ("too many gains vary", rows(T=unit, v=["1"] * 6, alpha="1/2", rate=0.5, ranges=many), FAILS),
+        ],
+        "vectors": [
+            ("by hand", mixed(), HOLDS),
+            ("slopes that it does not have", mixed("7/8", "9/8"), FAILS),
+            ("gains that hold nearer only", mixed(rho="1/7"), FAILS),
+            ("no coordinates", claim("max-separable", box(1), 1, {"v": ["1"], "alpha": "1", "rho": "1"}), FAILS),
+        ],
+    }  # fmt: skip
+    return [case(name, problem, check, code) for problem, some in found.items() for name, check, code in some]
 
 
 def _held() -> list[Case]:

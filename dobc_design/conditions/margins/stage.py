@@ -85,8 +85,8 @@ def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> li
     """What the problem asks beside ``checks``, and the tolerance where there is one."""
     if asked.problem.origin is not None:
         return []
-    proved = (check for check in checks if check.id == "max-separable" and check.verdict is Verdict.PROVED)
-    proof, found = next(proved, None), list[Check]()
+    known = (check for check in checks if isinstance(check.claim, Separable) and check.claim.T is None)
+    proof, found = next((check for check in known if check.verdict is Verdict.PROVED), None), list[Check]()
     report("deciding the tolerance")
     check = limited("tolerance", asked.domain, lambda: _tolerance(asked, proof))
     found += [check] if check.verdict is Verdict.PROVED or _given(asked) is not None else []

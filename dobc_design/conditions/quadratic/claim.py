@@ -22,7 +22,7 @@ from typing import Any, Final, Literal
 
 from dobc_design.conditions.consensus.claim import Entries
 from dobc_design.conditions.consensus.claim import add_to as add
-from dobc_design.conditions.quadratic.sectors import Channel, GainRange, Sectors
+from dobc_design.conditions.quadratic.sectors import Channel, GainRange, Sectors, ranges_to_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.exact.number import number_text
@@ -75,14 +75,12 @@ class Lure:
         return "identity" if len(values) == 1 else "diagonal"
 
     def to_json(self) -> dict[str, Any]:
-        texts = [[[[number_text(x.lo), number_text(x.hi)] for x in row] for row in r.entries] for r in self.ranges]
-        pairs = zip(self.ranges, texts, strict=True)
         values: dict[str, Any] = {
             "method": self.method,
             "P_e": [[i, j, number_text(value)] for (i, j), value in sorted(self.P_e.entries.items())],
             "level": None if self.level is None else number_text(self.level),
             "radius": None if self.radius is None else number_text(self.radius),
-            "ranges": [{"coupling": each.coupling, "gains": rows} for each, rows in pairs],
+            "ranges": ranges_to_json(self.ranges),
             "multipliers": {mode: [number_text(tau) for tau in taus] for mode, taus in self.multipliers.items()},
             "rate": number_text(self.rate),
         }

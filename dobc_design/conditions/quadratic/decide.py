@@ -24,10 +24,10 @@ from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.numbers import claimed, has_short_denominator, read_rational, rounded_up, shorten
 from dobc_design.conditions.quadratic import sectors as channels
 from dobc_design.conditions.quadratic.claim import METHODS, Lure, interval_matrix, lure_matrix, vertex_matrices
-from dobc_design.conditions.quadratic.sectors import GainRange, Sectors, build_sectors, gains_at
+from dobc_design.conditions.quadratic.sectors import Sectors, build_sectors, left_open, ranges_from_json
 from dobc_design.errors import ShapeError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
-from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, is_symmetric, multiply, to_float
 from dobc_design.exact.number import float_below
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -178,13 +178,9 @@ def _gains_left_open(problem: Problem, lure: Lure) -> str | None:
         coupling = problem.couplings[each.coupling]
         if each.radius is None and not coupling.is_linear:
             return f'h = "{coupling.texts[0]}" is not linear, so its gains need a radius.'
-        try:
-            found = gains_at(problem, each.coupling, Fraction(1) if each.radius is None else each.radius)
-        except UndefinedError as error:
-            return f"the gains cannot be enclosed: {error}"
-        pairs = zip(each.entries, found, strict=True)
-        if not all(mine.contains(gain) for row, own in pairs for mine, gain in zip(row, own, strict=True)):
-            return f'the gains of h = "{coupling.texts[0]}" are not shown to lie in the range claimed.'
+        reason = left_open(problem, each.coupling, each.entries, Fraction(1) if each.radius is None else each.radius)
+        if reason is not None:
+            return reason
     return None
 
 
@@ -332,7 +328,7 @@ def lure_from_json(values: Mapping[str, Any], problem: Problem, W: Matrix | None
         P_e=_sparse(values["P_e"], problem.n * problem.m),
         level=level,
         radius=radius,
-        ranges=_ranges(values["ranges"], problem, radius),
+        ranges=ranges_from_json(values["ranges"], problem, radius),
         multipliers=_multipliers(values, problem),
         rate=read_rational(values["rate"]),
         P=P,
@@ -358,21 +354,6 @@ def _sparse(rows: object, size: int) -> SparseSymmetric:
     if not all(entries.values()) or not has_short_denominator(entries.values(), numbers.MATRIX_BITS):
         raise ValueError("an entry of P_e is 0, or they need too long a common denominator")
     return SparseSymmetric(size, entries)
-
-
-def _ranges(data: object, problem: Problem, radius: Fraction | None) -> tuple[GainRange, ...]:
-    if not isinstance(data, list):
-        raise TypeError("ranges must be a list")
-    found = []
-    for each in data:
-        values = read_object(each, ("coupling", "gains"))
-        if type(values["coupling"]) is not int:
-            raise TypeError("coupling must be a whole number")
-        rows = [[Interval(*map(read_rational, ends)) for ends in row] for row in values["gains"]]
-        found.append(GainRange(coupling=values["coupling"], radius=radius, entries=tuple(map(tuple, rows))))
-    if sorted(each.coupling for each in found) != sorted(channels.used_couplings(problem)):
-        raise ValueError("ranges must name every coupling that an arc has, once")
-    return tuple(found)
 
 
 def _multipliers(values: Mapping[str, Any], problem: Problem) -> dict[str, tuple[Fraction, ...]]:

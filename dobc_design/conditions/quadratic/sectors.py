@@ -10,18 +10,22 @@ from __future__ import annotations
 
 import heapq
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
+from dobc_design.conditions.check import read_object
+from dobc_design.conditions.numbers import read_rational
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.enclosures import Curve, secant_range, slope_bound
-from dobc_design.coupling.expression import polynomial_degree, variables_used
-from dobc_design.coupling.tree import GradientAlgebra, evaluate
+from dobc_design.coupling.expression import Expression, parse_expression, polynomial_degree, variables_used
+from dobc_design.coupling.tree import GradientAlgebra, Node, evaluate
 from dobc_design.errors import SpecError, wrong
-from dobc_design.exact.interval import Interval
+from dobc_design.exact.interval import Interval, UndefinedError
+from dobc_design.exact.number import number_text
 from dobc_design.exact.work import spend
 from dobc_design.problem.integrators import leaders_box, slopes_of_nodes
 from dobc_design.problem.problem import Problem
@@ -80,22 +84,55 @@ class Sectors:
         return self.problem.n * self.problem.m
 
 
-def gains_on(coupling: Coupling, radius: Fraction) -> Entries:
-    """Enclose the gains of a coupling on |y_c| <= radius, (m, m).  Raises: UndefinedError naming h and the interval."""
-    box = Interval(-radius, radius)
+def gains_on(coupling: Coupling, radius: Fraction | Sequence[Fraction]) -> Entries:
+    """Enclose the gains of a coupling on |y_c| <= radius, one for all components or one for each, (m, m).  Raises:
+    UndefinedError naming h and the interval."""
+    m = coupling.dimension
+    box = tuple(Interval(-r, r) for r in (radius if isinstance(radius, Sequence) else [radius] * m))
     if coupling.by_component:
-        curve = Curve(coupling.components[0])
-        gain = secant_range(curve, box)
-        slope_bound(curve, box)  # sqrt has a secant gain as far as it is defined, but others may need its slope
-        m = range(coupling.dimension)
-        return tuple(tuple(gain if i == j else _ZERO for j in m) for i in m)
-    return _jacobian_hull(coupling, (box,) * coupling.dimension)
+        curve, own = Curve(coupling.components[0]), dict[Interval, Interval]()
+        for side in box:
+            own[side] = own[side] if side in own else _secants(curve, side)
+        return tuple(tuple(own[side] if c == d else _ZERO for d in range(m)) for c, side in enumerate(box))
+    rows, found = [], None
+    for c, component in enumerate(coupling.components):
+        if is_sum_of_curves(component.node):
+            rows.append(tuple(_secants_along(component, d, side) for d, side in enumerate(box)))
+        else:
+            found = found or _jacobian_hull(coupling, box)
+            rows.append(found[c])
+    return tuple(rows)
 
 
-def gains_at(problem: Problem, place: int, radius: Fraction) -> Entries:
+def _secants(curve: Curve, side: Interval) -> Interval:
+    gain = secant_range(curve, side)
+    slope_bound(curve, side)  # sqrt has a secant gain as far as it is defined, but others may need its slope
+    return gain
+
+
+def _secants_along(component: Expression, d: int, side: Interval) -> Interval:
+    """The secant gain in y_d of a sum of functions of one variable each: the others are 0 there."""
+    if d not in variables_used(component.node):
+        return _ZERO
+    text = re.sub(r"\by([0-9]+)\b", lambda name: "y" if int(name[1]) == d + 1 else "0", str(component))
+    return _secants(Curve(parse_expression(text)), side)
+
+
+def is_sum_of_curves(node: Node) -> bool:
+    """Whether an expression is, as it is written, a sum of functions of one variable each."""
+    if len(variables_used(node)) < 2:
+        return True
+    linear = node.kind in ("add", "subtract", "negate") or (
+        node.kind == "multiply" and any(not variables_used(each) for each in node.operands)
+    )
+    return linear and all(map(is_sum_of_curves, node.operands))
+
+
+def gains_at(problem: Problem, place: int, radius: Fraction | Sequence[Fraction]) -> Entries:
     """The same by the place of the coupling; that of the nodes for every state of a leader.  Raises: UndefinedError."""
     if place == problem.node and problem.leader is not None:
-        return slopes_of_node(problem, (Interval(-radius, radius),) * problem.m)
+        radii = radius if isinstance(radius, Sequence) else [radius] * problem.m
+        return slopes_of_node(problem, tuple(Interval(-r, r) for r in radii))
     return gains_on(problem.couplings[place], radius)
 
 
@@ -120,9 +157,48 @@ def enclose_ranges(problem: Problem, *, radius: Fraction | None) -> tuple[GainRa
         if radius is None and not coupling.is_linear:
             what = f'must be a number, because h = "{coupling.texts[0]}" is not linear; got None.'
             raise wrong("radius", what, "Give the largest |e_j - e_i| to be considered.")
-        entries, room = gains_at(problem, place, radius or Fraction(1)), 0 if coupling.is_linear else ROOM
-        widened = tuple(tuple(_widened(gain, room * gain.magnitude) for gain in row) for row in entries)
-        found.append(GainRange(coupling=place, radius=radius, entries=widened))
+        entries = widened_gains(problem, place, radius or Fraction(1))
+        found.append(GainRange(coupling=place, radius=radius, entries=entries))
+    return tuple(found)
+
+
+def widened_gains(problem: Problem, place: int, radius: Fraction | Sequence[Fraction]) -> Entries:
+    """The gains as they are claimed: widened by ROOM and to DIGITS digits where the coupling is not linear."""
+    room, found = 0 if problem.couplings[place].is_linear else ROOM, gains_at(problem, place, radius)
+    return tuple(tuple(_widened(gain, room * gain.magnitude) for gain in row) for row in found)
+
+
+def left_open(problem: Problem, place: int, claimed: Entries, radius: Fraction | Sequence[Fraction]) -> str | None:
+    """Why the gains on |y_c| <= radius are not shown to lie in those that are claimed; None if they are."""
+    try:
+        found = gains_at(problem, place, radius)
+    except UndefinedError as error:
+        return f"the gains cannot be enclosed: {error}"
+    pairs = zip(claimed, found, strict=True)
+    if not all(mine.contains(gain) for row, own in pairs for mine, gain in zip(row, own, strict=True)):
+        return f'the gains of h = "{problem.couplings[place].texts[0]}" are not shown to lie in the range claimed.'
+    return None
+
+
+def ranges_to_json(ranges: Sequence[GainRange]) -> list[dict[str, Any]]:
+    """The gains of every coupling as text."""
+    texts = [[[[number_text(x.lo), number_text(x.hi)] for x in row] for row in each.entries] for each in ranges]
+    return [{"coupling": each.coupling, "gains": rows} for each, rows in zip(ranges, texts, strict=True)]
+
+
+def ranges_from_json(data: object, problem: Problem, radius: Fraction | None) -> tuple[GainRange, ...]:
+    """Read them back.  Raises: KeyError, TypeError or ValueError for what are no ranges of this problem."""
+    if not isinstance(data, list):
+        raise TypeError("ranges must be a list")
+    found = []
+    for each in data:
+        values = read_object(each, ("coupling", "gains"))
+        if type(values["coupling"]) is not int:
+            raise TypeError("coupling must be a whole number")
+        rows = [[Interval(*map(read_rational, ends)) for ends in row] for row in values["gains"]]
+        found.append(GainRange(coupling=values["coupling"], radius=radius, entries=tuple(map(tuple, rows))))
+    if sorted(each.coupling for each in found) != sorted(used_couplings(problem)):
+        raise ValueError("ranges must name every coupling that an arc has, once")
     return tuple(found)
 
 

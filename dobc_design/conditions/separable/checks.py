@@ -24,9 +24,10 @@ IN_HAND: Final = Fraction(1, 1000)  # of a sampling period, for a second program
 _SHOWN: Final = 6  # stuck agents that a sentence tells with the mode that blocks them
 
 
-def obstacle(problem: Problem, W: Matrix | None) -> str | None:
-    """Why the max-separable certificate does not apply to the loop with the gain W (q, m); None if it does."""
-    if not claims.acts_by_component(problem):
+def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str | None:
+    """Why the max-separable certificate (``turned``: in coordinates) does not apply to the loop with the gain W (q, m);
+    None if it does."""
+    if not turned and not claims.acts_by_component(problem):
         return NOT_BY_COMPONENT
     if problem.groups and W is None:
         return "does not apply: there is no observer gain W, and without one the estimation error is not bounded."
@@ -46,7 +47,7 @@ def max_separable_check(
     """Decide ``claim`` as a proof for every start with |e|_inf <= radius and |eps_i| <= disturbance.  ``domain``: that
     of Lemma 1, for a claim that is not proved.  A claim without rho is about all starts.  ``remark`` is added to the
     reason. Returns: a Check, PROVED or UNDECIDED; that one claim fails says nothing against the others."""
-    if (reason := obstacle(problem, W)) is not None:
+    if (reason := obstacle(problem, W, turned=claim.T is not None)) is not None:
         return undecided_check("max-separable", domain, reason, applies=False)
     answer = verify_composite(problem, W, claim)
     if answer.verdict is not Verdict.PROVED:
@@ -59,7 +60,8 @@ def max_separable_check(
     starts = "every start" if claim.rho is None else f"every start with |e_i| <= {radius:.6g}"
     if problem.groups and claim.rho is not None:
         starts += f" and |eps_i| <= {disturbance:.6g}"
-    measure = "max_i |e_i|/v_i" + ("" if claim.error is None else f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P")
+    measure = "max_i |e_i|/v_i" if claim.T is None else "max_ic |(T e_i)_c|/v_ic"
+    measure += "" if claim.error is None else f" + {float(claim.error.kappa):.4g} max_i |eps_i|_P"
     everywhere = ", in every mode" if len(problem.network.modes) > 1 else ""
     return Check(
         id="max-separable",
@@ -131,7 +133,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, pr
     """None if everything that a proved or refuted check claims is confirmed, else what is not.  ``W`` (q, m): the gain
     of the loop; ``domain``: that of Lemma 1; ``proof``: the max-separable check of the same certificate.  Rows,
     observer and box are decided again from the problem.  Raises what a malformed claim raises."""
-    if (reason := obstacle(problem, W)) is not None:
+    turned = check.id == "max-separable" and "T" in (check.exact or ())
+    if (reason := obstacle(problem, W, turned=turned)) is not None:
         return reason
     if check.id != "max-separable":
         return _not_timed(check, problem, W, domain, proof)
@@ -147,7 +150,7 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, pr
             return "the witness must name different agents of the problem"
         stuck = claims.is_stuck(problem, agents)
         return None if stuck else "one of the agents is pinned or hears another agent in every mode"
-    claim = claims.separable_from_json(check.exact, problem)
+    claim = claims.separable_from_json(check.exact, problem, turned=turned)
     if witness is not None:
         return "a proof has no witness"
     if (wrong := _not_proved(claim, check, problem, W, domain)) is not None:

@@ -16,14 +16,16 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from operator import mul
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from dobc_design.conditions.check import Check, Claim, read_object
 from dobc_design.conditions.numbers import form_from_json, read_rational, vector_from_json, vector_to_json
+from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json, ranges_to_json
 from dobc_design.errors import ShapeError, SpecError
-from dobc_design.exact.matrix import Matrix, Vector
+from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
 from dobc_design.exact.number import float_above, number_text
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.problem.arrays import coupling_places
@@ -32,6 +34,7 @@ from dobc_design.problem.problem import Problem
 
 FACES = {1: "upper", -1: "lower"}
 OBSERVED: Final = ("P", "beta", "kappa", "size")
+MOST_COMPONENTS: Final = 6  # of an agent, for T
 OWN: Final = "certificate"  # the key under which a check of sampling holds one of its own, where it has one
 
 
@@ -67,17 +70,23 @@ def error_from_json(values: Mapping[str, Any], problem: Problem) -> ErrorBound |
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Separable:
     """A claim: the rows hold for v (one entry per agent), alpha (1/s) and all s in (0, rho].  ``rho`` None: for every s
-    > 0.  ``error``: the observer's part, None without an exosystem. Raises: ShapeError or SpecError unless v > 0, alpha
-    > 0 and rho > 0."""
+    > 0.  ``error``: the observer's part, None without an exosystem.  With ``T`` (m, m) the claim is about z_i = T e_i
+    (``coordinates``): v has an entry for each component, ``ranges`` are the gains of couplings and nodes, and
+    ``error`` belongs to the output T C.  Raises: ShapeError or SpecError unless v > 0, alpha > 0 and rho > 0."""
 
     v: Vector | Doubles
     alpha: Fraction
     rho: Fraction | None
     error: ErrorBound | None = None
+    T: Matrix | None = None
+    ranges: tuple[GainRange, ...] = ()
 
     def __post_init__(self) -> None:
-        if not len(self.v) or least(self.v) <= 0:
-            raise ShapeError("v must have one entry > 0 per agent.", key="v")
+        m = len(self.T or (1,))
+        if self.T is not None and (any(len(row) != m for row in self.T) or rank(self.T) < m or m > MOST_COMPONENTS):
+            raise ShapeError(f"T must be an invertible matrix of at most {MOST_COMPONENTS} rows.", key="T")
+        if not len(self.v) or len(self.v) % m or least(self.v) <= 0:
+            raise ShapeError("v must have one entry > 0 per agent, or per component of z = T e.", key="v")
         if self.alpha <= 0 or (self.rho is not None and self.rho <= 0):
             raise SpecError("alpha and rho must be > 0.", key="alpha" if self.alpha <= 0 else "rho")
 
@@ -86,6 +95,17 @@ class Separable:
         """Min v."""
         return least(self.v)
 
+    @property
+    def spread(self) -> Fraction:
+        """The largest N of errors with |e|_inf <= 1."""
+        rows = self.T or ((Fraction(1),),)
+        return max(sum(map(abs, row), Fraction(0)) / least(self.v[c :: len(rows)]) for c, row in enumerate(rows))
+
+    @property
+    def reach(self) -> Fraction:
+        """The largest |e|_inf of errors with N <= 1."""
+        return max(self.v) if self.T is None else max(map(max, error_sizes(self.T, self.v)))
+
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved max-separable check."""
         values: dict[str, Any] = {
@@ -93,7 +113,16 @@ class Separable:
             "alpha": number_text(self.alpha),
             "rho": None if self.rho is None else number_text(self.rho),
         }
+        if self.T is not None:
+            values |= {"T": matrix_text(self.T), "ranges": ranges_to_json(self.ranges)}
         return values if self.error is None else values | self.error.to_json()
+
+
+def error_sizes(T: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
+    """For every agent the largest |e_ic| where |(T e_i)_c| <= v_ic, c = 1, ..., m."""
+    S, values = [[abs(x) for x in row] for row in inverse(T)], tuple(v)
+    for first in range(0, len(values), len(T)):
+        yield [sum(map(mul, row, values[first : first + len(T)]), Fraction(0)) for row in S]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,18 +164,25 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
             own = separable_from_json(exact.pop(OWN), problem)
         values = read_object(exact, ("period", "factor"))
         return SamplingBound(period=read_rational(values["period"]), factor=read_rational(values["factor"]), own=own)
-    return separable_from_json(exact, problem)
+    return separable_from_json(exact, problem, turned="T" in (exact or ()))
 
 
-def separable_from_json(exact: object, problem: Problem) -> Separable:
-    """Read the values of ``Separable.to_json`` back for this problem; raises as ``read_claim``."""
-    values = read_object(exact, ("v", "alpha", "rho", *observed_in(problem)))
-    return Separable(
-        v=vector_from_json(values["v"], problem.n),
+def separable_from_json(exact: object, problem: Problem, *, turned: bool = False) -> Separable:
+    """Read the values of ``Separable.to_json`` back for this problem, ``turned`` with T; raises as ``read_claim``."""
+    own, m = ("T", "ranges") if turned else (), problem.m if turned else 1
+    values = read_object(exact, ("v", "alpha", "rho", *own, *observed_in(problem)))
+    rho = None if values["rho"] is None else read_rational(values["rho"])
+    found = Separable(
+        v=vector_from_json(values["v"], problem.n * m),
         alpha=read_rational(values["alpha"]),
-        rho=None if values["rho"] is None else read_rational(values["rho"]),
+        rho=rho,
         error=error_from_json(values, problem),
+        T=form_from_json(values["T"]) if turned else None,
+        ranges=ranges_from_json(values["ranges"], problem, rho) if turned else (),
     )
+    if len(found.T or (1,)) != m or any([len(row) for row in each.entries] != [m] * m for each in found.ranges):
+        raise ValueError("T and the gains of every coupling need one row and one column per state component")
+    return found
 
 
 class Errors(NamedTuple):

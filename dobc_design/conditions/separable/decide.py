@@ -20,6 +20,7 @@ from typing import Final, NamedTuple
 from dobc_design.conditions.numbers import rounded_down, shorten
 from dobc_design.conditions.separable import claim as claims
 from dobc_design.conditions.separable.claim import EXACT, FACES, ErrorBound, Errors, Place, Row, Separable, Term
+from dobc_design.conditions.separable.coordinates import rows_obstacle, seen_through
 from dobc_design.conditions.separable.large import ArcRows, Kinds, arc_rows, estimated_rate, float_kinds, open_rows
 from dobc_design.coupling.enclosures import Cell, Curve, Profile, jet, profile, secant
 from dobc_design.coupling.tree import ZERO
@@ -447,6 +448,8 @@ def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> Se
     V = N + kappa E (V = N without an exosystem) decays at least at ``composite_rate`` from every start with V <= rho,
     for arbitrary switching."""
     exosystem = problem.joint_exosystem
+    if claim.T is not None:
+        exosystem, W = seen_through(problem, claim.T, W)
     if exosystem is not None:
         if W is None or claim.error is None:
             reason = "with an [exosystem] the certificate needs an observer gain W and P, beta and kappa."
@@ -456,7 +459,11 @@ def verify_composite(problem: Problem, W: Matrix | None, claim: Separable) -> Se
             obstacle = "kappa must exceed 1/(beta min v), or the observer error can raise V."
         if obstacle is not None:
             return SeparableAnswer(verdict=Verdict.REFUTED, reason=obstacle)
-    return verify_separable(problem, claim)
+    if claim.T is None:
+        return verify_separable(problem, claim)
+    wrong = rows_obstacle(problem, claim)
+    told = wrong or "every set |(T e_i)_c| <= s v_ic is invariant and shrinks."
+    return SeparableAnswer(verdict=Verdict.UNDECIDED if wrong else Verdict.PROVED, reason=told)
 
 
 def error_bound_obstacle(exosystem: Exosystem, W: Matrix, error: ErrorBound) -> str | None:
@@ -486,13 +493,13 @@ def composite_rate(claim: Separable) -> Fraction:
 
 
 def covers(claim: Separable, *, radius: Fraction, disturbance: Fraction) -> bool:
-    """Whether every start with |e|_inf <= radius and |eps_i| <= disturbance lies in {V <= rho}; exact.  radius/min v +
+    """Whether every start with |e|_inf <= radius and |eps_i| <= disturbance lies in {V <= rho}; exact.  radius spread +
     kappa disturbance sqrt(size) <= rho, decided by squares.  Raises: SpecError for a negative radius or disturbance."""
     if radius < 0 or disturbance < 0:
         raise SpecError("radius and disturbance must be >= 0.", key="radius" if radius < 0 else "disturbance")
     if claim.rho is None:
         return True
-    room = claim.rho - radius / claim.least
+    room = claim.rho - radius * claim.spread
     if claim.error is None:
         return room >= 0
     return room >= 0 and (claim.error.kappa * disturbance) ** 2 * claim.error.size <= room**2

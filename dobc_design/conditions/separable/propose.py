@@ -203,7 +203,7 @@ def linear_rate(field: Field) -> float:
     everybody = np.ones(field.size, dtype=bool)
     found = float(np.max(field.gains))
     for _ in range(INVERSE_STEPS):
-        step = _solve(jacobian, v, everybody, accuracy=ROUGH)
+        step = solved(jacobian, v, everybody, accuracy=ROUGH)
         if step is None or not np.all(step > 0):
             break
         v = step / np.max(step)
@@ -222,7 +222,7 @@ def least_solution(
         if np.all(residual <= close * scale):
             return v
         raised = residual > 0
-        step = _solve(jacobian, residual, raised | (v > lower))
+        step = solved(jacobian, residual, raised | (v > lower))
         if step is None:
             return None
         proposed = np.maximum(lower, v + step)
@@ -238,7 +238,7 @@ def least_solution(
     return None
 
 
-def _solve(jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACCURACY) -> Array | None:
+def solved(jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACCURACY) -> Array | None:
     """One Newton step on the active agents; None if their matrix is singular."""
     places = np.flatnonzero(active)
     block = sparse.csr_array(jacobian[places][:, places])

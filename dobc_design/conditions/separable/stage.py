@@ -10,11 +10,12 @@ from itertools import pairwise
 
 from dobc_design.conditions.check import Check, limited, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
-from dobc_design.conditions.numbers import claimed, rounded_down
+from dobc_design.conditions.numbers import bisected, claimed, rounded_down
 from dobc_design.conditions.separable import checks, propose
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import covers, verify_separable
 from dobc_design.conditions.separable.propose import SeparablePlan
+from dobc_design.conditions.separable.propose_coordinates import propose_coordinates
 from dobc_design.conditions.separable.timing import LEADER_GOES_ON, longest_delay
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted
 from dobc_design.verdict import Verdict
@@ -23,6 +24,7 @@ from dobc_design.verdict import Verdict
 IN_HAND = Fraction(1, 10**4)
 # (agents, relative accuracy of the largest box that is still worth the time)
 CLOSE = ((60, 0.002), (2000, 0.02), (10**9, 0.25))
+ROUGHLY = ((60, 9), (2000, 7), (10**9, 4))  # agents, and bisections in coordinates
 HALVINGS = 12
 WIDER = Fraction(2)  # how much further out the agent is looked for that is no longer held
 KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
@@ -33,7 +35,53 @@ TIMED_ARCS = 20_000
 
 
 def separable_stage(asked: Asked, report: Progress) -> list[Check]:
-    """The max-separable certificate, and what it says about delays and sampling."""
+    """The max-separable certificate, and what it says about delays and sampling; in coordinates z = T x where these
+    reach farther, for agents with dynamics and couplings of vectors."""
+    found = _by_component(asked, report)
+    first, problem = found[0], asked.problem
+    apart = (problem.origin is None and first.applies) or (problem.groups and asked.W is None)
+    if apart or _size(first) >= asked.radius:
+        return found
+    report("deciding the region (max-separable, in coordinates)")
+    claims = _in_coordinates(asked)
+    if not claims:
+        reason = "no coordinates z = T x with weights v are found in which the largest weighted error decreases."
+        return found if first.applies else [undecided_check("max-separable", asked.domain, reason)]
+    radius, s = max(claims), asked.disturbance
+    own = checks.max_separable_check(
+        problem, asked.W, claims[radius], radius=radius, disturbance=s, domain=asked.domain
+    )
+    return [own] if _size(own) > _size(first) else found
+
+
+def _size(check: Check) -> float:
+    """The radius of a proved box, 0 without one."""
+    if check.verdict is not Verdict.PROVED:
+        return 0.0
+    return float(check.domain["radius"]) if isinstance(check.domain, Mapping) else math.inf
+
+
+def _in_coordinates(asked: Asked) -> dict[float, Separable]:
+    """Claims by the radius of their boxes: that asked for, else the largest that are found."""
+    claims, everywhere = dict[float, Separable](), asked.domain == "global"
+
+    def holds(halvings: float) -> bool:
+        radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
+        with surviving(f"no coordinates for radius {radius}", WorkLimitError):
+            size, s = claimed(radius), claimed(asked.disturbance)
+            claim = propose_coordinates(asked.problem, asked.W, size, s, everywhere=everywhere)
+            if claim is not None:
+                claims[radius] = claim
+        return radius in claims
+
+    with at_most(STAGE):
+        if not holds(0) and not everywhere and holds(HALVINGS):
+            bisected(holds, float(HALVINGS), 0.0, steps=next(steps for n, steps in ROUGHLY if asked.problem.n <= n))
+    return claims
+
+
+def _by_component(asked: Asked, report: Progress) -> list[Check]:
+    """The certificate for couplings by component."""
     problem, W, domain = asked.problem, asked.W, asked.domain
     report("deciding the region (max-separable)")
     if (reason := checks.obstacle(problem, W)) is not None:

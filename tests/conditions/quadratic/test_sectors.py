@@ -53,7 +53,9 @@ def test_a_coupling_of_vectors_has_mean_jacobians_in_its_range():
             assert float(entries[c][d].lo) - 1e-6 <= mean[c, d] <= float(entries[c][d].hi) + 1e-6
     assert entries[0][0] == Interval.point(1)
     assert entries[1][0] == Interval.point(Fraction(-1, 2))
-    assert entries[0][1].contains(Interval(Fraction(0), Fraction(12)))
+    assert entries[0][1].contains(Interval(Fraction(0), Fraction(4)))  # of a sum, y2^3 / y2
+    product = gains_on(make_coupling(["y1*y2", "y2"], dimension=2), TWO)
+    assert product[0][0].contains(Interval(-TWO, TWO))
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -1,0 +1,267 @@
+"""Proposals of coordinates z = T x and weights v (theory, section 13); floating point.
+
+T: the identity, real modal forms of an agent with mean gains, or rows c (I + A/lambda)^k for outputs c of the agents.
+For fixed gains the rows are the largest of linear functions of v with Metzler matrices; inverse iteration on the matrix
+that is largest at the last v finds the v with the best rate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import islice, product
+from typing import Any
+
+import numpy as np
+from scipy import linalg, sparse
+
+from dobc_design.conditions.consensus.propose import decay_rate
+from dobc_design.conditions.numbers import rounded_down, rounded_up
+from dobc_design.conditions.quadratic.sectors import gains_at
+from dobc_design.conditions.separable.claim import MOST_COMPONENTS, ErrorBound, Separable
+from dobc_design.conditions.separable.coordinates import MOST_FREE, enclosed_ranges, seen_through, slowest_row
+from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle
+from dobc_design.conditions.separable.propose import LARGE, SeparablePlan, rounded_vectors, solved
+from dobc_design.conditions.separable.propose_observer import propose_error_bound
+from dobc_design.errors import SpecError
+from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.matrix import Matrix, rank, to_float
+from dobc_design.exact.number import root_above
+from dobc_design.problem.arrays import coupling_places, split_by
+from dobc_design.problem.integrators import slopes_of_nodes
+from dobc_design.problem.problem import Problem
+from dobc_design.solvers.program import Array
+
+Gains = Mapping[int, Array]  # by the place of a coupling: the ends, (2, m, m)
+
+DIGITS = 3  # of T
+PARTS = tuple(2.0 ** (k / 4) for k in range(-16, 6))  # of the size of an agent's eigenvalues: lambda
+STEPS, ROUNDS = 6, 4  # of inverse iteration; of v and gains in turn
+BEST = 3  # coordinates whose weights are rounded
+PATIENCE = (1.0, 0.5, 0.0)  # of the best rate, which a flatter v is to keep
+CLOSE, LARGEST = 1e-3, 1e6  # of v, when it is kept; condition of a modal form
+SHARES = (0.9, 0.5, 0.0)  # of the rate of the rows, which V is to keep
+
+
+@dataclass(frozen=True, eq=False)
+class Agents:
+    """The rows of ``size`` agents in floats: their gains (size, m, m), the slopes that nodes have in them (m, m), arcs
+    by mode and coupling: listeners, speakers, weights, and which are always there.  The speaker number ``size`` is at
+    the target: of large networks a part is enough to choose T."""
+
+    problem: Problem
+    size: int
+    gains: Array
+    slopes: Array
+    modes: tuple[tuple[tuple[int, Any, Any, Array, Any], ...], ...]
+
+    @classmethod
+    def of(cls, problem: Problem, *, most: int) -> Agents:
+        size, m = min(problem.n, most), problem.m
+        gains, known = np.zeros((size, m, m)), dict[int, Array]()
+        for i, k in problem.pinning.gains.items():
+            if i < size:
+                gains[i] = known[id(k)] if id(k) in known else known.setdefault(id(k), to_float(k))
+        modes = []
+        for arcs in problem.network.modes.values():
+            w, places = np.array([float(x) for x in arcs.weights]), coupling_places(problem, arcs)
+            here = np.flatnonzero(arcs.listeners < size)
+            parts = [(place, here[own]) for place, own in split_by(places[here])]
+            hears, heard, sure = arcs.listeners, np.minimum(arcs.speakers, size), ~arcs.uncertain
+            modes.append(tuple((place, hears[own], heard[own], w[own], sure[own]) for place, own in parts))
+        slopes = slopes_of_nodes(problem)
+        return cls(problem, size, gains, to_float(slopes) if slopes else np.zeros((m, m)), tuple(modes))
+
+    def rows(self, T: Array, gains: Gains, v: Array) -> tuple[Array, Any]:
+        """The largest row of every component at v (n, m), and the sparse matrix whose product with v it is."""
+        (n, m), S, node = v.shape, np.asarray(np.linalg.inv(T), dtype=float), self.problem.node
+        H, everybody, columns = T @ self.gains @ S, np.vstack([v, np.zeros((1, m))]), np.arange(m)
+        corners = {place: _corners(T, S, ends) for place, ends in gains.items() if place != node}
+        best, which = np.full((n, m), -np.inf), np.zeros((n, m), dtype=np.int64)
+        found: list[tuple[Any, int, Array, Array, list[Any]]] = []
+        for groups, c, signs in product(self.modes, range(m), product((1.0, -1.0), repeat=m)):
+            if signs[c] < 0:
+                continue
+            sign = np.array(signs)
+            own, x, choices = -H[:, c, :], v * sign, []
+            if node is not None:
+                low, high = gains[node] - self.slopes
+                own = own + T[c] @ np.where(T[c][:, None] * (x @ S.T)[:, None, :] >= 0, high, low) @ S
+            total = np.sum(own * x, axis=1)
+            for place, i, j, w, sure in groups:
+                G = corners[place][:, c, :]
+                value = everybody[j] @ np.abs(G).T - x[i] @ G.T
+                most = np.max(value, axis=1)
+                choices.append((np.argmax(value, axis=1), w * (sure | (most > 0))))
+                total += np.bincount(i, choices[-1][1] * most, minlength=n)
+            better = total > best[:, c]
+            best[better, c], which[better, c] = total[better], len(found)
+            found.append((groups, c, sign, own * sign, choices))
+        parts: list[tuple[Any, Any, Any]] = []
+        for number, (groups, c, sign, own, choices) in enumerate(found):
+            mine = np.flatnonzero(which[:, c] == number)
+            parts.append((mine * m + c, mine, own[mine]))
+            for (place, i, j, _, _), (choice, w) in zip(groups, choices, strict=True):
+                here = np.flatnonzero(which[i, c] == number)
+                g, row = w[here, None] * corners[place][choice[here], c, :], i[here] * m + c
+                parts += [(row, j[here], np.abs(g)), (row, i[here], -g * sign)]
+        places = [np.repeat(rows, m) for rows, _, _ in parts], [(j[:, None] * m + columns).ravel() for _, j, _ in parts]
+        entries = np.concatenate([x.ravel() for _, _, x in parts])
+        M = sparse.csr_array((entries, tuple(map(np.concatenate, places))), shape=(n * m, n * m + m))
+        return best, M[:, : n * m]
+
+    def vectors(self, T: Array, gains: Gains) -> list[tuple[float, Array]]:
+        """Rates > 0 with their v (n, m), min v = 1: the flattest v first, the fastest last."""
+        v, found = np.ones((self.size, self.problem.m)), list[tuple[float, Array]]()
+        best, M = self.rows(T, gains, v)
+        for _ in range(STEPS):
+            if (rate := float(np.min(-best / v))) > 0 and (not found or rate > found[-1][0]):
+                found.append((rate, v))
+            u = solved(M, v.ravel(), np.ones(v.size, dtype=bool))
+            if u is None or not np.all(u > 0):
+                break
+            v = (u / u.min()).reshape(v.shape)
+            best, M = self.rows(T, gains, v)
+        return found
+
+    def gains_at(self, T: Array, v: Array, rho: float) -> Gains | None:
+        """The gains where N <= rho, three digits further; None where a coupling is not defined, or has too many."""
+        sizes, far, found = rho * np.vstack([v, 0 * v[:1]]) @ np.abs(np.linalg.inv(T)).T, dict[int, Array](), {}
+        for place, i, j, _, _ in (group for groups in self.modes for group in groups):
+            far[place] = np.maximum(far.get(place, 0.0), np.max(sizes[i] + sizes[j], axis=0))
+        if self.problem.node is not None:
+            far[self.problem.node] = np.max(sizes, axis=0)
+        for place, radii in far.items():
+            try:
+                sides = [rounded_up(Fraction(x), digits=3) for x in radii.tolist()]
+                entries = gains_at(self.problem, place, sides)
+            except UndefinedError:
+                return None
+            if place != self.problem.node and sum(not x.is_point for row in entries for x in row) > MOST_FREE:
+                return None
+            found[place] = np.array([[[float(x.lo), float(x.hi)] for x in row] for row in entries]).transpose(2, 0, 1)
+        return found
+
+
+def _corners(T: Array, S: Array, ends: Array) -> Array:
+    """T J S for every corner J of the gains, (corners, m, m)."""
+    free = np.argwhere(ends[0] != ends[1])
+    found = np.repeat(ends[:1], 2 ** len(free), axis=0)
+    for number, choice in enumerate(product((0, 1), repeat=len(free))):
+        for (a, b), end in zip(free, choice, strict=True):
+            found[number, a, b] = ends[end, a, b]
+    return np.asarray(T @ found @ S)
+
+
+def candidates(agents: Agents, gains: Gains) -> Iterator[Matrix | None]:
+    """T worth trying; None where rows are dependent."""
+    m, A, pull = agents.problem.m, -agents.gains.mean(axis=0), np.zeros((agents.problem.m,) * 2)
+    for place, _, _, w, _ in agents.modes[0]:
+        pull = pull + w.sum() / agents.size * gains[place].mean(axis=0)
+    yield _rounded(np.eye(m))
+    for own in (A, A - pull):
+        values, vectors = np.linalg.eig(own)
+        modal = np.array([x.imag if z.imag < 0 else x.real for z, x in zip(values, vectors.T, strict=True)]).T
+        yield _rounded(np.linalg.inv(modal)) if np.linalg.cond(modal) < LARGEST else None
+    seen = [each.mean(axis=0) for place, each in gains.items() if place != agents.problem.node]
+    outputs = linalg.orth(np.vstack(seen).T).T if seen else np.eye(m)
+    first, size = np.eye(m)[: max(1, len(outputs))], float(np.max(np.abs(np.linalg.eigvals(A - pull)))) or 1.0
+    for c, part in product((first, outputs), PARTS):
+        rows = np.vstack([c @ np.linalg.matrix_power(np.eye(m) + A / (size * part), k) for k in range(m)])
+        chosen: list[Array] = []
+        for row in rows:
+            if len(chosen) < np.linalg.matrix_rank(np.array([*chosen, row]), tol=1e-9):
+                chosen.append(row)
+        yield _rounded(np.array(chosen))
+
+
+def _rounded(T: Array) -> Matrix | None:
+    """Rows with the largest entry 1 (v makes up for it) and few digits; None if that is singular."""
+    if T.shape != (len(T),) * 2 or not np.all(np.isfinite(T)) or not np.all(np.abs(T).max(axis=1) > 0):
+        return None
+    T = T / np.abs(T).max(axis=1, keepdims=True)
+    T = np.where(np.abs(T) > 1e-9, T, 0.0)
+    rational = tuple(tuple(Fraction(f"{x:.{DIGITS}g}") for x in row) for row in T.tolist())
+    return rational if rank(rational) == len(rational) else None
+
+
+def propose_coordinates(
+    problem: Problem, W: Matrix | None, radius: Fraction, disturbance: Fraction, *, everywhere: bool = False
+) -> Separable | None:
+    """A claim of every start with |e|_inf <= radius and |eps_i| <= disturbance, or ``everywhere``, whose rows hold; or
+    None."""
+    if problem.m > MOST_COMPONENTS:
+        return None
+    agents, part = Agents.of(problem, most=problem.n), Agents.of(problem, most=LARGE)
+    gains = part.gains_at(np.eye(problem.m), np.ones((part.size, problem.m)), float(radius))
+    found = dict[Matrix, float]()
+    for T in candidates(part, gains) if gains is not None else ():
+        if T is not None and T not in found:
+            search = Search(part, W, T, radius, disturbance, everywhere)
+            found[T] = search.weights(None, 1.0)[0]
+    best = sorted((T for T in found if found[T] > 0), key=lambda T: -found[T])[:BEST]
+    searches = (Search(agents, W, T, radius, disturbance, everywhere) for T in best)
+    return next((claim for search in searches for claim in search.claims(found[search.T])), None)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Weights for these coordinates."""
+
+    agents: Agents
+    W: Matrix | None
+    T: Matrix
+    radius: Fraction
+    disturbance: Fraction
+    everywhere: bool
+
+    def claims(self, rate: float) -> Iterator[Separable]:
+        """Claims whose rows hold, the fastest first; ``rate``: what is expected."""
+        problem = self.agents.problem
+        exosystem, gain = seen_through(problem, self.T, self.W)
+        for share in SHARES if exosystem is not None else (0.0,):
+            error = None
+            if exosystem is not None and gain is not None:
+                error = propose_error_bound(exosystem, gain, rate=share * min(rate, decay_rate(exosystem, gain)))
+                if error is None or error_bound_obstacle(exosystem, gain, error) is not None:
+                    continue
+            for enough in (1.0,) if problem.is_linear else PATIENCE:
+                seen, v = self.weights(error, enough)
+                vectors = () if v is None else rounded_vectors(SeparablePlan(v=v.ravel(), rate=seen, rho=self.radius))
+                claims = (self.claim(each, error) for each in vectors)
+                proved = [claim for claim in islice(claims, 1 if problem.n > LARGE else 3) if claim is not None]
+                yield from sorted(proved, key=lambda claim: -claim.alpha)[:1]
+
+    def weights(self, error: ErrorBound | None, enough: float) -> tuple[float, Array | None]:
+        """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the flattest v that keeps
+        ``enough`` of the best rate."""
+        agents, T, rate, best = self.agents, to_float(self.T), 0.0, None
+        v: Array = np.ones((agents.size, agents.problem.m))
+        for _ in range(1 if agents.problem.is_linear else ROUNDS):
+            rho = float(self.radius) * float(np.max(np.abs(T).sum(axis=1) / v)) + float(self.offset(error))
+            gains = agents.gains_at(T, v, rho)
+            found = [] if gains is None else agents.vectors(T, gains)
+            if not found:
+                break
+            rate, best = next(each for each in found if each[0] >= enough * found[-1][0])
+            if np.allclose(best, v, rtol=CLOSE):
+                break
+            v = best
+        return rate, best
+
+    def offset(self, error: ErrorBound | None) -> Fraction:
+        """What the estimation error adds to rho."""
+        return Fraction(0) if error is None else error.kappa * self.disturbance * root_above(error.size, unit=10**6)
+
+    def claim(self, v: Any, error: ErrorBound | None) -> Separable | None:
+        """The claim with these weights at the largest rate; None if its rows do not hold, or V does not fall."""
+        plain, problem = Separable(T=self.T, v=v, alpha=Fraction(1), rho=None, error=error), self.agents.problem
+        rho = None if self.everywhere else rounded_up(self.radius * plain.spread + self.offset(error), digits=6)
+        try:
+            ranges = enclosed_ranges(problem, self.T, v, rho)
+        except (UndefinedError, SpecError):
+            return None
+        alpha = rounded_down(slowest_row(problem, self.T, v, ranges).rate)
+        claim = alpha and Separable(T=self.T, v=v, alpha=alpha, rho=rho, ranges=ranges, error=error)
+        return claim if claim and composite_rate(claim) > 0 else None

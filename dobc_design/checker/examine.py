@@ -146,9 +146,7 @@ def covers(case: Certificate, check: Any) -> bool:
         return False
     if type(domain) is str:
         return bool(domain == "global")
-    if (
-        p.region is None
-    ):  # a box around the target answers the local question: several modes, dynamics, leaders
+    if p.region is None:  # a box around the target answers the local question: several modes, dynamics, leaders
         near = domain.radius > 0 and (not p.q or domain.disturbance > 0)
         box = check.id in ("max-separable", "schedule", "markov") and (p.switches or p.B is not None)
         return bool((safe or box or (check.id == "lure" and p.nodes and p.leader)) and near)

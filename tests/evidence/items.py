@@ -18,6 +18,7 @@ from evidence import (
     mutation,
     notebooks,
     pinning,
+    published,
     robustness,
     same_bytes,
     schedules,
@@ -25,6 +26,7 @@ from evidence import (
     sweeps,
 )
 from evidence.row import Row
+from published import PUBLISHED
 
 FUZZ = "fuzz"
 
@@ -64,6 +66,8 @@ ITEMS = (
     Item(name="cures", run=certificates.cures, count=500, seed=8000, share=50),
     Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),
     Item(name="linear-agents", run=local.linear_agents, count=300, seed=0, share=30),
+    Item(name="published", run=published.table, count=len(PUBLISHED), seed=0, share=5),
+    Item(name="dynamic-regions", run=published.regions, count=10_000, seed=0, share=400),  # the count is starts
     Item(name="decided", run=certificates.decided, count=500, seed=9000, share=40),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=100),  # points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=200),  # the count is starts

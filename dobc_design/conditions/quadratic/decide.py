@@ -64,9 +64,9 @@ def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
         what = f"P_e must have {problem.n * problem.m} rows, one per component of e; got {lure.P_e.size}."
         raise ShapeError(what, key="P_e")
     sectors = build_sectors(problem, lure.ranges, radius=lure.radius)
-    reason = _gains_left_open(problem, lure)
-    if reason is not None:
-        return LureDecision(verdict=Verdict.UNDECIDED, step="gains", reason=reason)
+    unsettled = partial(LureDecision, verdict=Verdict.UNDECIDED, step="gains")
+    if any(each.radius is None and not problem.couplings[each.coupling].is_linear for each in lure.ranges):
+        return unsettled(reason="a coupling is not linear, so its gains need a radius.")
     refuted = partial(LureDecision, verdict=Verdict.REFUTED)
     positive = decide_positive_definite(lure.P_e)
     if positive.verdict is not Verdict.PROVED:
@@ -86,6 +86,9 @@ def verify_lure(problem: Problem, lure: Lure) -> LureDecision:
                 return refuted(step="inequality", mode=mode, reason=reason, witness=decision.witness)
     if not region_holds(lure, sectors):
         return refuted(step="region", reason="{V <= level} reaches beyond the radius on which the gains are bounded.")
+    gains = _gains_left_open(problem, lure)  # last, since it takes longest
+    if gains is not None:
+        return unsettled(reason=gains)
     everywhere = "everywhere (all gains are bounded for every y)"
     where = everywhere if lure.level is None else f"while V <= {float(lure.level):.6g}"
     reason = f"V decreases, V' <= -2 ({float(lure.rate):.4g}) V, {where}."
@@ -175,9 +178,6 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
 def _gains_left_open(problem: Problem, lure: Lure) -> str | None:
     """Why the gains are not shown to lie in the ranges claimed; None if they are."""
     for each in lure.ranges:
-        coupling = problem.couplings[each.coupling]
-        if each.radius is None and not coupling.is_linear:
-            return f'h = "{coupling.texts[0]}" is not linear, so its gains need a radius.'
         reason = left_open(problem, each.coupling, each.entries, Fraction(1) if each.radius is None else each.radius)
         if reason is not None:
             return reason

@@ -18,7 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from dobc_design.conditions.quadratic.sectors import GainRange
+from dobc_design.conditions.quadratic.sectors import GainRange, is_sum_of_curves
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
 from dobc_design.exact.number import nearest
@@ -96,7 +96,7 @@ def sample_gains(problem: Problem, radius: float) -> Gains | None:
     """Lowest and highest gains of every coupling on |y_c| <= radius, about, of nodes for every state of a leader; None
     where one is not finite."""
     known = problem.couplings[: problem.node if problem.slopes_move else None]
-    found = [_by_component(each, radius) if each.by_component else _of_vectors(each, radius) for each in known]
+    found = [_sampled(each, radius) for each in known]
     if problem.slopes_move:
         box = leaders_box(problem)
         half = np.array([nearest(side.width / 2) for side in box])
@@ -118,19 +118,22 @@ def range_gains(ranges: Sequence[GainRange], count: int, m: int) -> Gains:
     return ends[0], ends[1]
 
 
-def _by_component(coupling: Coupling, radius: float) -> Gains:
-    """H(y)/y on a grid, and the slopes at 0."""
-    y = np.linspace(-radius, radius, POINTS)
-    y = y[np.abs(y) > 1e-9 * radius]
-    m = coupling.dimension
-    with np.errstate(all="ignore"):
-        gains = coupling.value(np.repeat(y[:, None], m, axis=1))[:, 0] / y
-    slope = coupling.jacobian_at_zero()[0][0]
-    low = min(float(np.min(gains)), nearest(slope.lo))
-    high = max(float(np.max(gains)), nearest(slope.hi))
-    if coupling.is_linear:
-        low = high = nearest(slope.midpoint)
-    return low * np.eye(m), high * np.eye(m)
+def _sampled(coupling: Coupling, radius: float) -> Gains:
+    """H_c(y)/y_d along the axes, and the slopes at 0, where H_c is a sum of functions of one variable each; elsewhere
+    slopes."""
+    m, y = coupling.dimension, np.delete(np.linspace(-radius, radius, POINTS), POINTS // 2)  # without 0
+    summed = [c for c in range(m) if coupling.by_component or is_sum_of_curves(coupling.components[c].node)]
+    low, high = np.zeros((2, m, m)) if len(summed) == m else _of_vectors(coupling, radius)
+    for c, d in itertools.product(summed, range(m)) if coupling.is_linear else ():
+        low[c, d] = high[c, d] = nearest(coupling.jacobian_at_zero()[c][d].midpoint)
+    for d, axis in enumerate(() if coupling.is_linear else np.eye(m)):
+        with np.errstate(all="ignore"):
+            gains = coupling.value(np.outer(y, axis)) / y[:, None]
+        for c, slope in ((c, coupling.jacobian_at_zero()[c][d]) for c in summed):
+            low[c, d] = min(float(np.min(gains[:, c])), nearest(slope.lo))
+            high[c, d] = max(float(np.max(gains[:, c])), nearest(slope.hi))
+    flat, middle = high - low < 1e-9 * (np.abs(high) + np.abs(low)), (low + high) / 2
+    return np.where(flat, middle, low), np.where(flat, middle, high)
 
 
 def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array = 0.0) -> Gains:

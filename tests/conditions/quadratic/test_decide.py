@@ -134,8 +134,9 @@ def test_gains_without_a_radius_are_believed_for_linear_couplings_only():
     curved = cycle(3, 3, coupling="tanh(y)")
     assert verify_lure(curved, lure).verdict is Verdict.UNDECIDED
     undefined = cycle(3, 3, coupling="log(1 + y)")
-    claim = GainRange(coupling=0, radius=Fraction(2), entries=((Interval(Fraction(0), Fraction(9)),),))
-    decision = verify_lure(undefined, replace(lure, radius=Fraction(2), ranges=(claim,)))
+    claim = GainRange(coupling=0, radius=Fraction(2), entries=((Interval.point(Fraction(2)),),))
+    inside = {"radius": Fraction(2), "level": Fraction(1, 100), "ranges": (claim,)}
+    decision = verify_lure(undefined, replace(lure, **inside))
     assert (decision.verdict, "cannot be enclosed" in decision.reason) == (Verdict.UNDECIDED, True)
 
 

@@ -1,0 +1,200 @@
+"""Problems from the literature, what was published about them, and what is to be found."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from linear_agents import second_order
+
+from dobc_design import Dynamics, Network, Observer, Problem, Switching, exosystems, load_problem
+
+CYCLE10, PENDULUM = 1.399166, Dynamics(f=["x2", "-sin(x1) - x2/2"], B=[[0], [1]])
+CUBIC_CHUA = Dynamics(f=["10*(x2 - (2*x1**3 - x1)/7)", "x1 - x2 + x3", "-100/7*x2"])
+LORENZ = Dynamics(f=["10*(x2 - x1)", "28*x1 - x2 - x1*x3", "x1*x2 - 8/3*x3"])
+DAMPED = Dynamics(A=[[0, 1], [0, -1]], B=[[0], [1]])
+#: The three generators of MATPOWER's case9: K_ij/M_i in 1/s^2 and the angles in rad, x_d' = 0.0608, 0.1198, 0.1813
+#: and H = 23.64, 6.4, 3.01 s (P. M. Anderson and A. A. Fouad), loads as impedances, transfer conductances left out.
+IEEE9_WEIGHTS = {(1, 2): "12.5", (1, 3): "9.84", (2, 1): "46.18", (2, 3): "33.01", (3, 1): "77.28", (3, 2): "70.2"}
+IEEE9_ANGLES = (0.0431, 0.3584, 0.2372)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Published:
+    """A problem, its source, what was published, and the verdict that is to be found."""
+
+    name: str
+    source: str
+    published: str
+    build: Callable[[], Problem]
+    verdict: str = "proved"
+
+
+def ring(n: int) -> Network:
+    return Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
+
+
+def path(n: int) -> Network:
+    arcs = [[i, j] for i in range(1, n) for j in (i + 1,)]
+    return Network.from_arcs([*arcs, *([j, i] for i, j in arcs)], arrow="listens_to", agents=n)
+
+
+def swing9(reach: str, speed: str) -> Problem:
+    """IEEE 9 buses about its operating point, generator 1 controlled; damping 1/s is assumed."""
+    network = Network.from_arcs([[i, j, w] for (i, j), w in IEEE9_WEIGHTS.items()], arrow="listens_to", agents=3)
+    texts = {}
+    for i, j in IEEE9_WEIGHTS:
+        x = IEEE9_ANGLES[j - 1] - IEEE9_ANGLES[i - 1]
+        texts[i - 1, j - 1] = f"{math.cos(x):.4f}*sin(y1) + ({math.sin(x):.4f})*(cos(y1) - 1)"
+    states = [[f"-{reach}", reach], [f"-{speed}", speed]]
+    given: dict[str, Any] = {"exceptions": texts, "gains": {1: [[10, 5]]}, "region": {"initial_states": states}}
+    return Problem(network=network, coupling="sin(y1)", dynamics=DAMPED, target=[0, 0], **given)
+
+
+def oscillators(*, reached: bool) -> Problem:
+    """x'' = -x + sum (v_j - v_i), a path that hears a leader at one end; or the same with the last agent left out."""
+    arcs = [[i + 1, i] for i in range(1, 5 if reached else 4)]
+    network = Network.from_arcs(arcs, arrow="listens_to", agents=5)
+    dynamics = Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])
+    return Problem(network=network, coupling="y2", gains={1: 1}, dynamics=dynamics, target=[0, 0])
+
+
+def nodes(dynamics: Dynamics, gain: Any, reach: str, **given: Any) -> Problem:
+    """A ring of three whose agents all are pinned."""
+    states = {"initial_states": [f"-{reach}", reach]}
+    parts = {"coupling": "20*y", "gains": gain, "region": states, "target": [0] * dynamics.dimension} | given
+    return Problem(network=ring(3), dynamics=dynamics, **parts)
+
+
+def kuramoto(reach: str) -> Problem:
+    """theta_i' = omega_i + 3 sum sin(theta_j - theta_i) + u_i: omega_i is a constant that nobody knows."""
+    region = {"initial_states": [f"-{reach}", reach], "initial_disturbance": "1/10"}
+    observed = {"exosystem": exosystems.constant(), "observer": Observer(rate=2), "region": region}
+    return Problem(network=ring(6), coupling="3*sin(y)", gains={1: 2, 4: 2}, **observed)
+
+
+def jointly_connected() -> Problem:
+    """Four agents, two graphs of which neither is connected, in turn for 1 s each."""
+    modes = {"odd": [[1, 2], [2, 1], [3, 4], [4, 3]], "even": [[2, 3], [3, 2]]}
+    network = Network.from_arcs(modes, arrow="listens_to", agents=4)
+    switching = Switching(guarantee="sequence", sequence=["odd", "even"], dwell=1)
+    return Problem(network=network, coupling="y", gains={1: 1}, switching=switching)
+
+
+PUBLISHED = (
+    Published(
+        name="second order, directed 10-cycle, 1 % above the threshold",
+        source="Yu, Chen and Cao, Automatica 46 (2010)",
+        published="stable iff b^2/a > 1.3992",
+        build=lambda: second_order({1: 3}, 2, 1.01 * CYCLE10),
+    ),
+    Published(
+        name="the same, 1 % below",
+        source="Yu, Chen and Cao, Automatica 46 (2010)",
+        published="unstable",
+        build=lambda: second_order({1: 3}, 2, 0.99 * CYCLE10),
+        verdict="refuted",
+    ),
+    Published(
+        name="coupled harmonic oscillators, a path",
+        source="Ren, Automatica 44 (2008)",
+        published="agree iff the leader reaches all",
+        build=lambda: oscillators(reached=True),
+    ),
+    Published(
+        name="the same, one agent hears nobody",
+        source="Ren, Automatica 44 (2008)",
+        published="does not agree",
+        build=lambda: oscillators(reached=False),
+        verdict="refuted",
+    ),
+    Published(
+        name="trucks in formation, gusts",
+        source="built-in `platoon`; double integrators as in Ren and Atkins (2007)",
+        published="-",
+        build=lambda: load_problem("platoon"),
+    ),
+    Published(
+        name="Lorenz nodes, k = 12 on each",
+        source="Lorenz (1963); pinning as in Chen, Liu and Lu (2007)",
+        published="origin: k > (sqrt(1201) - 11)/2 = 11.83",
+        build=lambda: nodes(LORENZ, 12, "1/10"),
+    ),
+    Published(
+        name="Lorenz nodes, k = 11.7",
+        source="Lorenz (1963)",
+        published="unstable",
+        build=lambda: nodes(LORENZ, "11.7", "1/10"),
+        verdict="refuted",
+    ),
+    Published(
+        name="Chua nodes with a cubic, k = 10",
+        source="Hartley (1989)",
+        published="-",
+        build=lambda: nodes(CUBIC_CHUA, 10, "1/5"),
+    ),
+    Published(
+        name="FitzHugh-Nagumo nodes at rest",
+        source="built-in `neurons`; FitzHugh (1961)",
+        published="alone they fire",
+        build=lambda: load_problem("neurons"),
+    ),
+    Published(
+        name="swing equations, IEEE 9 buses",
+        source="MATPOWER case9; Anderson and Fouad",
+        published="-",
+        build=lambda: swing9("0.05", "0.1"),
+    ),
+    Published(
+        name="swing equations, IEEE 39 buses",
+        source="built-in `swing-ieee39`; Athay, Podmore and Virmani (1979)",
+        published="-",
+        build=lambda: load_problem("swing-ieee39"),
+    ),
+    Published(
+        name="Kuramoto, unknown frequencies",
+        source="Jadbabaie, Motee and Barahona (2004); Doerfler and Bullo (2014)",
+        published="angles within pi/2",
+        build=lambda: kuramoto("0.6"),
+    ),
+    Published(
+        name="droop-controlled microgrid, IEEE 14 buses",
+        source="built-in `microgrid-ieee14`; Simpson-Porco, Doerfler and Bullo (2013)",
+        published="angles within pi/2",
+        build=lambda: load_problem("microgrid-ieee14"),
+    ),
+    Published(
+        name="joint connectivity, period 2 s",
+        source="Jadbabaie, Lin and Morse, IEEE TAC 48 (2003)",
+        published="agree, no rate",
+        build=jointly_connected,
+    ),
+    Published(
+        name="Example 1 of the paper",
+        source="built-in `paper-fixed`",
+        published="agree, no rate",
+        build=lambda: load_problem("paper-fixed"),
+    ),
+)
+
+
+def regional(number: int) -> Problem:
+    """One of twenty problems of agents with nonlinear dynamics or couplings that ask for a region."""
+    k, kind = number // 5, number % 5
+    if kind == 0:
+        return nodes(PENDULUM, {i: [[2 + k, 2]] for i in (1, 2, 3)}, "1/4", coupling="2*y1 + 3*y2")
+    if kind == 1:
+        return nodes(LORENZ, 20 + 10 * k, "1/5")
+    if kind == 2:
+        return nodes(CUBIC_CHUA, 12 + 4 * k, "1/5")
+    if kind == 3:
+        return swing9(str(Fraction(1 + k, 50)), "1/20")
+    scalar = Dynamics(f=[("x - x**3", "sin(x)", "x**2/2", "x/2 - tanh(x)")[k]])
+    return nodes(scalar, 3, "1/3", coupling="tanh(y)", target=0)
+
+
+def stated(problem: Problem) -> str:
+    """n and m, for the table."""
+    return json.dumps([problem.n, problem.m])[1:-1].replace(", ", " x ")

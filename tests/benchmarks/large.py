@@ -1,4 +1,4 @@
-"""Rows of `make bench` on regions of large networks: time in sparse products, and the peak memory of a fresh process.
+"""Rows of `make bench` on large networks: time in sparse products, and the peak memory of a fresh process.
 
 The unit is one product of the n x n matrix of the arcs (CSR) with a vector, measured in the same run.
 """
@@ -25,22 +25,14 @@ from dobc_design.conditions.consensus.decide import enclosed_lambda
 from dobc_design.conditions.consensus.network import shown_bound
 from dobc_design.conditions.consensus.propose import _answer_at, _work, dominating_vector, float_lambda
 from dobc_design.conditions.separable import stage
-from dobc_design.conditions.separable.decide import coupling_profiles, verify_composite
-from dobc_design.conditions.separable.large import arc_rows, float_kinds, open_rows
-from dobc_design.conditions.separable.propose import design_separable, first_certificate
 from dobc_design.exact.zmatrix import float_rows
 
 SIZE = 100_000
-GROWTH = (1000, 10_000, 100_000)
 MILLION = 1_000_000
 DEGREE = 12.0  # of the geometric network, on average; few agents are then alone
 GAIN = 3
 DISTURBANCE = Fraction(1, 2)
 KINDS = ("ring", "small world", "scale free", "geometric")
-HEADER = (
-    f"{'network':<12} {'n':>8} {'arcs':>8} {'product':>9} {'propose':>9} {'decide':>9} {'re-check':>9} {'rows':>9}"
-    "  rate"
-)
 # The whole way in a fresh process each: a problem file with its arcs in a CSV file, certify, write, read, check again.
 WHOLE = """
 import json, resource, subprocess, sys, tempfile, time
@@ -161,41 +153,6 @@ def clustered(n: int, *, clusters: int = 500) -> Problem:
             arcs += [(i, j) for j in ends] + [(j, i) for j in ends]
     network = Network.from_arcs(sorted(set(arcs)), arrow="listens_to", agents=n)
     return Problem(network=network, coupling="y", gains={1: GAIN})
-
-
-def large_rows() -> Iterator[str]:
-    """Max-separable certificates of four networks, then their growth with n for the ring; times in products."""
-    yield HEADER
-    for kind in KINDS:
-        yield measured(kind, SIZE)
-    for n in GROWTH:
-        yield measured("ring", n)
-
-
-def measured(kind: str, n: int) -> str:
-    """One network: seconds of a product, and in products the time of proposing v, of the first proof, of the same proof
-    again, and of its rows alone, once the problem and v stand in arrays.  Raises: RuntimeError where nothing is proved.
-    """
-    problem = large(kind, n)
-    W = problem.observer.W
-    arcs = problem.network.modes["G"]
-    matrix = sp.csr_array((np.ones(len(arcs)), (arcs.listeners, arcs.speakers)), shape=(n, n))
-    vector = np.ones(n)
-    product, _ = cpu(lambda: [matrix @ vector for _ in range(20)], repeats=5)
-    propose, plan = cpu(lambda: design_separable(problem, radius=Fraction(1), disturbance=DISTURBANCE, W=W), repeats=1)
-    if plan is None:
-        raise RuntimeError(f"{kind}, n = {n}: no v is found")
-    decide, claim = cpu(lambda: first_certificate(problem, W, plan), repeats=1)
-    if claim is None:
-        raise RuntimeError(f"{kind}, n = {n}: nothing is proved")
-    recheck, _ = cpu(lambda: verify_composite(problem, W, claim), repeats=3)
-    arrays = arc_rows(problem, claim.v)
-    profiles = coupling_profiles(problem, claim.v, rho=claim.rho)
-    kinds = float_kinds(profiles, arrays, rho=claim.rho)
-    rows, _ = cpu(lambda: open_rows(arrays, kinds, alpha=claim.alpha, rho=claim.rho), repeats=3)
-    parts = [f"{round(20 * each / product):>9}" for each in (propose, decide, recheck, rows)]
-    head = f"{kind:<12} {n:>8} {len(arcs):>8} {1e3 * product / 20:>6.2f} ms"
-    return f"{head} {' '.join(parts)}  {float(claim.alpha):.4g}"
 
 
 def lambda_rows() -> Iterator[str]:
@@ -375,6 +332,5 @@ GRAPHS = {
 if __name__ == "__main__":
     if len(sys.argv) > 1:  # another size
         SIZE = MILLION = int(sys.argv[1])
-        GROWTH = (SIZE,)
-    for row in (*lambda_rows(), *large_rows()) if len(sys.argv) < 3 else weighted_rows():
+    for row in lambda_rows() if len(sys.argv) < 3 else weighted_rows():
         print(row, flush=True)

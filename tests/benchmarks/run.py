@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from itertools import chain, starmap
+from itertools import chain
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -24,13 +24,13 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
 from block_lmi import solve_dense
-from large import lambda_rows, large_rows, weighted_rows, whole_bars
+from large import lambda_rows, weighted_rows, whole_bars
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
 from reduced import solve_reduced
-from simulation import simulation_bars, simulation_growth
+from simulation import simulation_bars
 
-from dobc_design import Exosystem, Network, Problem, certify
+from dobc_design import Exosystem, Network, Problem
 from dobc_design.conditions.consensus.claim import reduced, state_theorems
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -39,8 +39,6 @@ from dobc_design.solvers.conic import solve_directly
 from dobc_design.solvers.program import Program, Solution
 
 EXOSYSTEM = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
-SIZES = (50, 100, 200, 400, 800)
-PATIENCE = 60.0  # s of CPU time after which a growth series stops
 Arcs = list[tuple[int, int]]
 HELP = "import sys; from dobc_design.cli.main import main; sys.argv = ['dobc', '--help']; main()"
 
@@ -67,14 +65,8 @@ def main() -> None:
     print(f"{'what':<72} {'bar':>9}  {'measured':>9}")
     for bar in bars():
         print(bar, flush=True)
-    networks = (("directed cycle, 10 % pinned", cycle), ("random, degree 4, 10 % pinned", random_balanced))
-    simulated = f"{'n':>9} {'arcs':>9} {'evaluations':>12} {'seconds':>9} {'ns/(agent evaluation)':>22}"
-    certified = f"{'network':<34} {'n':>5} {'arcs':>6} {'seconds':>9} {'us/arc':>8}  verdict"
     sections = {
-        "Growth of certify, problem object to verdict": chain([certified], *starmap(growth, networks)),
         "Designs": (each() for each in (large_design, shared_design)),
-        "Growth of one simulated run, problem object to trajectory": chain([simulated], simulation_growth()),
-        "Max-separable certificates of large networks, in products of the n x n matrix": large_rows(),
         "Certified radii of small cycles, beside other tools": peer_table(),
         "Large networks: products of the n x n matrix, CPU time and peak memory of the whole way": lambda_rows(),
         "The weighted theorem beside Lemma 1 (at most 3 times its time)": weighted_rows(),
@@ -177,19 +169,6 @@ def help_bar(what: str) -> Bar:
     times = [(of_child(HELP), of_child("import numpy")) for _ in range(16)][1:]  # the first pair warms the disk cache
     ours, theirs = (statistics.median(column) for column in zip(*times, strict=True))
     return Bar(what=what, bar=2, ratio=ours / theirs, ceiling=True, note=f"{ours:.3g} s / {theirs:.3g} s")
-
-
-def growth(name: str, network: Callable[[int], Arcs]) -> Iterator[str]:
-    for n in SIZES:
-        arcs = network(n)
-        given = problem(n, arcs)
-        start = time.process_time()
-        verdict = certify(given).verdict.value
-        seconds = time.process_time() - start
-        yield f"{name:<34} {n:>5} {len(arcs):>6} {seconds:>9.3f} {1e6 * seconds / len(arcs):>8.0f}  {verdict}"
-        if seconds > PATIENCE:
-            yield f"{name:<34} larger ones left out: the last took longer than {PATIENCE:.0f} s"
-            return
 
 
 def median_of(function: Callable[[], Any], *, repeats: int, inner: int = 1) -> float:

@@ -18,7 +18,6 @@ from dobc_design.simulation.signals import RandomDwell
 
 DEGREE = 6
 RUNS, ALONE = 1000, 25  # runs side by side; runs one by one that are timed and scaled up
-GROWTH = (1000, 10_000, 100_000, 1_000_000)
 MEMORY = """
 import resource, sys
 sys.path[:0] = [{folder!r}, {support!r}]
@@ -35,17 +34,13 @@ print(peak)
 """
 
 
-def large(n: int, *, modes: int = 1, near: bool = False) -> Problem:
-    """The paper's coupling, exosystem and W on digraphs of degree 6; every tenth agent pinned.
-
-    Speakers are drawn from all agents, or with ``near`` they are the next six.
-    """
+def large(n: int, *, modes: int = 1) -> Problem:
+    """The paper's coupling, exosystem and W on digraphs of degree 6; every tenth agent pinned."""
     rng = np.random.default_rng(n)
 
     def graph() -> Any:
         listeners = np.repeat(np.arange(n), DEGREE)
-        away = np.tile(np.arange(1, DEGREE + 1), n) if near else rng.integers(1, n, size=DEGREE * n)
-        speakers = (listeners + away) % n
+        speakers = (listeners + rng.integers(1, n, size=DEGREE * n)) % n
         return sp.coo_array((np.ones(DEGREE * n), (listeners, speakers)), shape=(n, n))
 
     return Problem(
@@ -130,26 +125,6 @@ def memory() -> dict[str, Any]:
         "ceiling": True,
         "note": "GiB, not a ratio",
     }
-
-
-def simulation_growth() -> Iterator[str]:
-    """Time of one run, problem object to trajectory, and how the time of an evaluation grows.
-
-    Twice: with speakers anywhere, where a million states no longer fit into the cache next to the processor, and with
-    speakers next to their listeners, where that does not matter.
-    """
-    for near, what in ((False, "speakers drawn from all agents"), (True, "speakers next to their listeners")):
-        yield f"{what}:"
-        points = []
-        for n in GROWTH:
-            problem = large(n, near=near)
-            seconds, run = cpu(lambda problem=problem: simulate(problem, t_final=0.2, samples=3), repeats=1)
-            each = 1e9 * seconds / (n * run.evaluations)
-            points.append((n, seconds / run.evaluations))
-            yield f"{n:>9} {DEGREE * n:>9} {run.evaluations:>12} {seconds:>9.3f} {each:>22.0f}"
-        sizes, times = np.log10(np.array(points, dtype=float)).T
-        slopes = ", ".join(f"{slope:.2f}" for slope in np.diff(times) / np.diff(sizes))
-        yield f"slopes of the time of an evaluation, log-log, from one n to the next: {slopes}"
 
 
 def cpu(function: Callable[[], Any], *, repeats: int) -> tuple[float, Any]:

@@ -230,6 +230,7 @@ def test_a_certificate_that_was_changed_or_is_of_another_problem_leaves_with_1(d
 def test_problems_and_conditions_are_listed_and_explained(dobc):
     assert [row["name"] for row in dobc("problems", "--json").json["problems"]] == list(builtin_names())
     assert [line.split()[0] for line in dobc("problems").out.splitlines()] == list(builtin_names())
+    assert [line.split()[0] for line in dobc("explain").out.splitlines()] == list(KINDS)
     for id in KINDS:
         title, words = dobc("explain", id, "--json").json["title"], dobc("explain", id).out
         assert all(part in words for part in (title, "Proved: ", "Refuted: "))
@@ -411,6 +412,8 @@ def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):
     assert ran.code == 1
     assert ran.out.endswith("cured        cured.toml\ncertify it   dobc certify cured.toml\n")
     text = Path("cured.toml").read_text(encoding="utf-8")
+    again = dobc("certify", source, "--no-report", "--json", "--apply-fix", "again.toml")
+    assert (again.json["applied"], checks(again)["lemma1"]["fix"]["kind"]) == ("again.toml", "pinning")
     assert text.startswith("# kept\n")
     assert dobc("certify", "cured.toml", "--no-report").code == 0
     noted = write('notes = ["Agent 1 is pinned."]\n' + wrong, "noted.toml")
@@ -471,3 +474,11 @@ def test_a_certificate_folder_of_another_problem_is_kept_unless_forced(dobc):
     assert listing(Path("c")) == before
     assert dobc("certify", chain, "--no-report", "--out", "c").code in (0, 1, 3)
     assert dobc("certify", "paper-fixed", "--no-report", "--out", "c", "--force").code == 0
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b"no json", b"\xff\xfe", b"[" * 50_000, b'{"format": "dobc-problem"}'])
+def test_what_is_no_certificate_leaves_with_2(dobc, content):
+    Path("certificate.json").write_bytes(content)
+    ran = dobc("verify", "certificate.json", "--problem", "paper-fixed", "--json")
+    assert (ran.code, ran.json["error"]["kind"]) == (2, "certificate")
+    assert "cannot be read" in ran.json["error"]["message"]

@@ -129,13 +129,6 @@ def test_a_narrow_terminal_has_its_reasons_below_the_table_and_no_number_is_cut(
         assert columns < 80 or "It covers what was asked for; more was not tried." in out
 
 
-def test_another_run_replaces_the_files_of_the_first(dobc, tmp_path: Path):
-    dobc("near.toml", "--out", "there")
-    first = (tmp_path / "there" / "region.json").read_bytes()
-    assert dobc("loose.toml", "--out", "there")[0] == 1
-    assert (tmp_path / "there" / "region.json").read_bytes() != first
-
-
 def test_mistakes_leave_with_2_and_write_nothing(dobc, tmp_path: Path):
     (tmp_path / "file").write_text("", encoding="utf-8")
     for arguments, words in (

@@ -144,3 +144,12 @@ def test_many_components_take_bounded_time():
     start = time.process_time()
     make_coupling([" + ".join(f"y{j}*y{i + 1}" for j in range(1, 31)) for i in range(30)], dimension=30)
     assert time.process_time() - start < 20
+
+
+def test_values_have_the_shape_of_their_argument():
+    coupling = make_coupling(["0", "y1"], dimension=2)
+    assert coupling.value(np.ones((4, 5, 2))).shape == (4, 5, 2)
+    assert coupling.numpy_function()([1, 2]).tolist() == [0, 1]
+    for wrong in (1.0, [1.0], [[1.0, 2.0, 3.0]]):
+        with pytest.raises(ShapeError, match="last axis of y must have length 2"):
+            coupling.value(wrong)

@@ -334,3 +334,13 @@ def test_no_path_is_wrong_at_the_edge_with_256_rows(power: int):
         assert by_choice(matrix) is truth(small)
         for path in (by_quick, by_integers, by_lift, by_vector):
             assert path(matrix) in (truth(small), UNDECIDED)
+
+
+@pytest.mark.parametrize("rows", [[[0, 1], [1, 5]], [[1, 1, 0], [1, 1, 1], [0, 1, 9]]])
+def test_a_zero_pivot_with_a_full_row_has_a_strictly_negative_witness(rows):
+    """Semidefinite: a zero on the diagonal asks for a zero row."""
+    M = exact.from_float(np.array(rows, dtype=float), None)
+    decision = exact.decide_positive_semidefinite(M)
+    assert decision.verdict is REFUTED
+    assert decision.value == value_of(M, decision.witness) < 0
+    assert exact.decide_positive_semidefinite(exact.from_float(np.diag([0.0, 5.0]), None)).verdict is PROVED

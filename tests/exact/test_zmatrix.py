@@ -201,3 +201,8 @@ def test_the_bound_of_a_vector_is_never_below_the_exact_one_and_close_to_it(n: i
 def test_a_vector_that_is_not_positive_bounds_nothing(vector: list[float]):
     M = IntegerSymmetric.from_sparse(SparseSymmetric(2, {(0, 0): Fraction(-1), (0, 1): Fraction(1, 2)}))
     assert row_bound(M, np.array(vector)) == np.inf
+
+
+@pytest.mark.parametrize("entry", [Fraction(10) ** 400, Fraction(1, 10**400)])
+def test_entries_that_floats_do_not_hold_bound_nothing(entry: Fraction):
+    assert row_bound(IntegerSymmetric.from_sparse(SparseSymmetric(1, {(0, 0): entry})), np.ones(1)) == np.inf

@@ -8,6 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from chromium import CHROMIUM, alone
+from loops import ring
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
@@ -135,11 +136,6 @@ def test_an_ensemble_shows_the_quantiles_of_its_runs():
         assert at.min() == pytest.approx(low[place])
         assert at.max() == pytest.approx(high[place])
     assert below.get_ylabel() == "|d − d̂|∞, unit of d"
-
-
-def ring(coupling: str, **settings) -> dd.Problem:
-    network = dd.Network.from_arcs([[i + 1, (i + 1) % 10 + 1] for i in range(10)], arrow="listens_to", agents=10)
-    return dd.Problem(network=network, coupling=coupling, **settings)
 
 
 EDGES = {

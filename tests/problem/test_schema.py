@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from functools import cache
 from typing import Any
 
 import pytest
@@ -97,6 +98,7 @@ def test_the_schema_is_plain_json_that_names_its_dialect_and_no_reserved_key():
         assert name not in known_keys(path)
 
 
+@cache
 def validator() -> Any:
     jsonschema = pytest.importorskip("jsonschema")
     schema = json_schema()

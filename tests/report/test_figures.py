@@ -86,3 +86,8 @@ def test_names_are_not_read_as_mathematics_and_powers_of_ten_are_written_out():
     assert "$\\frac{$" in text
     assert "&lt;b&gt;" in text
     assert [look.power_of_ten(10.0**k) for k in (-3, -1, 0, 1, 12)] == ["10⁻³", "0.1", "1", "10", "10¹²"]
+
+
+def test_positions_are_reproducible_for_large_networks():
+    pairs = [(i, j) for i, j in np.random.default_rng(1).integers(0, 200, (400, 2)).tolist() if i != j]
+    assert np.array_equal(positions(pairs, 200), positions(pairs, 200))

@@ -1,5 +1,6 @@
 """A settling time in the report: what proves it in rows, the envelope drawn, nothing rounded to the better side."""
 
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 
@@ -10,6 +11,7 @@ from tube_cases import STRETCHED
 
 from dobc_design.conditions.check import check_from_json
 from dobc_design.conditions.schedule.checks import read_claim, settling_of
+from dobc_design.conditions.schedule.claim import Tube
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.report.figures import plot_envelope
 from dobc_design.report.pictures import envelope_pictures
@@ -56,3 +58,14 @@ def test_the_curve_drawn_is_the_certified_bound_and_said_in_words():
     (picture,) = envelope_pictures(settling())
     assert "from 1 down to 0.01 at 4.67" in picture.alt
     assert list(envelope_pictures(None)) == []
+
+
+def test_without_a_moving_box_one_certificate_covers_the_whole_time():
+    whole, claim = settling(), settling().claim
+    at_once = replace(claim, tube=Tube.start(problems()["observed, linear"], F(1), claim.tube.error))
+    only = replace(whole, claim=at_once)
+    assert "by one certificate" in settling_sentence(only)
+    assert [row[0] for row in stages_table(only).rows] == ["quadratic"]
+    for each, words in ((whole, "A box that moves with time"), (only, "One certificate covers the whole time")):
+        (section,) = settling_section(each, ())
+        assert words in str(section)

@@ -68,17 +68,6 @@ def test_between_samples_a_held_loop_follows_its_integral():
     assert np.ptp(run.u[inside, 0, 0]) == 0
 
 
-def test_a_short_period_comes_back_to_the_continuous_loop_at_first_order():
-    problem = dd.load_problem("paper-fixed")
-    calm = simulate(problem, t_final=3, samples=31)
-    gaps = [
-        np.abs(simulate(problem, t_final=3, samples=31, stress=Stress(period=T)).x - calm.x).max()
-        for T in (0.008, 0.004, 0.002)
-    ]
-    assert gaps[0] / gaps[1] == pytest.approx(2, rel=0.15)
-    assert gaps[1] / gaps[2] == pytest.approx(2, rel=0.1)
-
-
 def test_a_gain_for_the_sampled_observer_can_be_given():
     """Deadbeat for a constant disturbance: A = 0, Cd = 1, L = 1 makes eps vanish after one sample."""
     problem = single(exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[1]]))

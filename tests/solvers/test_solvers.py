@@ -43,14 +43,6 @@ def test_both_ways_to_the_solver_find_the_same_optimum(harmonic, bound):
     assert residual(program, direct.values) <= 1e-6
 
 
-def test_the_block_lmi_itself_goes_both_ways(cycle):
-    program = Program(pencils=state_theorems(cycle(3)).psi())
-    direct, modelled = solve_directly(program), solve_dense(program)
-    assert close(direct.objective, modelled.objective)
-    assert set(direct.values) == {"P", "Q"}
-    assert np.array_equal(direct.values["P"], direct.values["P"].T)
-
-
 def test_the_floor_is_kept(harmonic):
     program = Program(pencils=(reduced(Fraction(-1), harmonic),), floor=Fraction(2))
     for answer in (solve_directly(program), solve_dense(program)):

@@ -5,6 +5,7 @@ from random import Random
 from typing import Any
 
 import mpmath
+from random_couplings import exact
 
 from dobc_design import Network, Problem
 
@@ -23,12 +24,6 @@ def half_difference(guess: float, k: float = 0.1) -> Fraction:
     with mpmath.workdps(50):
         y = mpmath.findroot(lambda y: 2 * mpmath.sin(y) + mpmath.mpf(k) * y, guess)
         return exact(y / 2)
-
-
-def exact(value: Any) -> Fraction:
-    """The rational number that an mpmath number is."""
-    sign, mantissa, exponent, _ = mpmath.mpf(value)._mpf_
-    return (-1) ** sign * Fraction(int(mantissa)) * Fraction(2) ** exponent
 
 
 def random_folded(seed: int, *, m: int = 1, exceptions: bool = True) -> Problem:

@@ -9,6 +9,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 from linked import linked
+from small_designs import digraph
 
 from dobc_design import Problem
 from dobc_design.conditions.consensus.pinning import (
@@ -19,14 +20,6 @@ from dobc_design.conditions.consensus.pinning import (
     smallest_gains,
     solve_shared,
 )
-
-
-def digraph(r: Random, n: int, **changes) -> Problem:
-    """A weighted digraph, mostly unbalanced, everybody heard by somebody."""
-    pairs = {(i, i % n + 1) for i in range(1, n + 1)}
-    pairs |= {(i, j) for i in range(1, n + 1) for j in range(1, n + 1) if i != j and r.random() < 0.3}
-    arcs = [[i, j, round(r.uniform(0.1, 5), 2)] for i, j in sorted(pairs)]
-    return linked(arcs, n, **changes)
 
 
 def reference(tables, allowed, costs, caps=None) -> float:

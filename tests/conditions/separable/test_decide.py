@@ -28,7 +28,6 @@ from dobc_design.conditions.separable.claim import (
     Separable,
     Term,
     is_stuck,
-    largest_reach,
     rows,
     stuck_agents,
 )
@@ -386,24 +385,6 @@ def test_orders_of_modes_that_alternate_of_a_cycle_and_of_matrix_gains():
         gain = [[2, corner], [-corner, 2]]
         problem = Problem(network=network, coupling="y", gains={1: gain}, target=[0, 0])
         assert tuple(stuck_agents(problem)) == stuck
-
-
-def test_rows_are_shared_and_their_terms_hold_weights_reach_and_step():
-    """The undirected cycle with v = 1: one row for the pinned agent, one for the nine others."""
-    arcs = [[i, (i + d) % 10 + 1] for i in range(1, 11) for d in (0, -2) if i != (i + d) % 10 + 1]
-    problem = listening(arcs, "y", n=10, gains={1: 5}, target=0)
-    found = dict(rows(problem, (F(1),) * 10))
-    assert sorted((row.gain, place.count) for row, place in found.items()) == [(0, 9), (5, 1)]
-    assert all(row.terms == (Term(0, F(2), F(2), F(0)),) for row in found)
-    # Agent 3 (v = 5) hears 1 (v = 2) with weight 1/2 and 2 (v = 3) with weight 4; stretched by 2.
-    problem = listening([[3, 1, "1/2"], [3, 2, 4]], "y", n=3, exceptions={(2, 1): "2*y"}, target=0)
-    ((row, place),) = rows(problem, fractions(2, 3, 5), agents=[2])
-    assert row.terms == (Term(0, F(1, 2), F(7), F(-3)), Term(1, F(4), F(8), F(-2)))
-    assert (place.agent, place.mode, place.count) == (2, "G", 1)
-    ((stretched, _),) = rows(problem, fractions(2, 3, 5), agents=[2], stretch=2)
-    assert stretched.terms == (Term(0, F(1, 2), F(9), F(-1)), Term(1, F(4), F(11), F(1)))
-    assert 7 <= largest_reach(problem, fractions(2, 3, 5))[0] < 7 + F(1, 10**12)
-    assert 8 <= largest_reach(problem, fractions(2, 3, 5))[1] < 8 + F(1, 10**12)
 
 
 SWITCHING = load_problem("paper-switching")

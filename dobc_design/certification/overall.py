@@ -18,7 +18,9 @@ from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, t
 from dobc_design.conditions.schedule.cycles import cycles_of, may_stay, phases_of
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
-from dobc_design.problem.arrays import unreached
+from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.problem.arrays import closed_groups, unreached
+from dobc_design.problem.integrators import slopes_of_nodes
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -46,7 +48,7 @@ def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) 
         best = max(covering, key=lambda check: (check.id not in OF_A_GUARANTEE, check.rate or 0.0))
         reason = _proved_reason(problem, best) + _moving_words(problem, checks, best)
         return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=reason)
-    refuted = _apart_reason(problem) or _refuted_reason(problem, checks, W)
+    refuted = _apart_reason(problem) or _adrift_reason(problem) or _refuted_reason(problem, checks, W)
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, reason=refuted)
     reason = _undecided_reason(problem, checks) + _moving_words(problem, checks, None)
@@ -129,6 +131,20 @@ def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> 
         text += f" ({direction}) free, and no other agent acts on it: an error in this direction never decays."
         return text + " Give one of them a gain k with k c != 0 for that direction c."
     return None
+
+
+def _adrift_reason(problem: Problem) -> str | None:
+    """Agents that no pin reaches, in any mode, have e' = A e if they start alike."""
+    A, origin = slopes_of_nodes(problem), problem.origin
+    if origin is None or not A or problem.node is not None or not _target_is_interior(problem):
+        return None
+    arcs, pinned = [each.present for each in problem.network.modes.values()], set(origin.pinning.agents)
+    alone = [group for group in closed_groups(problem, arcs) if not pinned & set(group)]
+    if not alone or decide_hurwitz(A).verdict is not Verdict.REFUTED:
+        return None
+    who = name_agents([problem.network.labels[i] for i in alone[0]])
+    text = f"Consensus fails: no pinned agent reaches {who}, in any mode, and a common error there does not decay:"
+    return f"{text} A is not Hurwitz. {cure_in_words(origin, arcs)}"
 
 
 def _start_apart(problem: Problem, group: Sequence[int], free: Sequence[Vector]) -> Vector | None:

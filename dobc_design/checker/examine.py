@@ -175,4 +175,4 @@ def refuted(case: Certificate) -> bool:
     inside = (lo < hi and lo < last and first < hi for lo, hi, first, last in rooms)
     unstable = (check for check in found if check.id in ("lemma1", "linearisation"))
     rooted = (check.exact for check in unstable if may_stay(p, check.mode or next(iter(p.modes))))
-    return all(inside) and any(rational(exact["unstable_roots"]) > 0 for exact in rooted)
+    return all(inside) and (p.drifts() or any(rational(exact["unstable_roots"]) > 0 for exact in rooted))

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from .expressions import Coupling, Expression, read_coupling
 from .intervals import Exact, Floats, enclosed, times
-from .matrices import ZERO, Matrix, Rows, diagonal, echelon, identity, meets, plus, product, transpose
+from .matrices import ZERO, Matrix, Rows, diagonal, echelon, identity, meets, plus, product, stable, transpose
 from .reading import (
     MATRIX_BITS,
     Refused,
@@ -336,6 +336,12 @@ class Problem:
         nonsingular = [i for i, k in self.gains.items() if len(echelon(k)[0]) == self.m]
         hears, held = self.edges(modes, True, loose), reach(nonsingular, self.edges(modes, False, loose))
         return any(self.leaves_free(reach([i], hears)) for i in range(self.n) if i not in held)
+
+    def drifts(self) -> bool:
+        """A closed set of agents without a pin, whose common error follows e' = A e, does not come to rest."""
+        if self.drift is None or self.nodes or stable(self.drift):
+            return False
+        return len(reach(self.pinned, self.edges(self.modes, False, True))) < self.n
 
     def leaves_free(self, group: set[int]) -> bool:
         """No gain of the group acts on some shift c other than 0, and the region holds such a shift."""

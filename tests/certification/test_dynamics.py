@@ -146,6 +146,26 @@ def unheld() -> Problem:
     return chain(3, dynamics=Dynamics(A=[["1/2"]]), coupling="y", gains={1: 4}, region=region)
 
 
+@pytest.mark.parametrize(
+    ("given", "verdict"),
+    [
+        ({}, Verdict.REFUTED),  # x'' = -x: agent 3, which hears nobody, swings for ever
+        ({"gains": {1: 1, 3: 1}}, Verdict.PROVED),
+        (
+            {"dynamics": Dynamics(A=[[0, 1], [-1, "-1/100"]], B=[[0], [1]])},
+            Verdict.PROVED,
+        ),  # it comes to rest by itself
+        ({"region": {"initial_states": [1, 2]}}, Verdict.UNDECIDED),  # of other starts nothing is asked
+    ],
+)
+def test_oscillators_that_no_pin_reaches_come_to_rest_only_if_they_are_damped(given, verdict):
+    parts = {"coupling": "y2", "gains": {1: 1}, "dynamics": Dynamics(A=[[0, 1], [-1, 0]], B=[[0], [1]])} | given
+    problem = Problem(network=Network.from_arcs([[2, 1]], arrow="listens_to", agents=3), **parts)
+    certificate = certify(problem)
+    assert certificate.verdict is verdict and verify(certificate, problem).holds
+    assert ("A is not Hurwitz. Pin agent 3." in certificate.reason) is (verdict is Verdict.REFUTED)
+
+
 def test_delays_are_examined_but_no_sampling_and_no_errors_of_gains():
     """A x is not held by a sampler, and a part of B K - A is no part of K."""
     certificate = certify(unheld(), everything=True)

@@ -37,7 +37,7 @@ from dobc_design.conditions.margins.stage import is_asked, margins_stage
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
-from dobc_design.conditions.quadratic.stage import quadratic_stage
+from dobc_design.conditions.quadratic.stage import FULL_ROWS, quadratic_stage
 from dobc_design.conditions.schedule.cycles import phases_of
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, schedule_stage, settle, settling_stage
@@ -211,7 +211,11 @@ def region_checks(
     found = []
     for stage in STAGES if everything or not known else STAGES[: is_asked(asked)]:
         found += stage(asked, report)
-        if not everything and any(covers(problem, check, found) for check in found):
+        covering = [check for check in found if covers(problem, check, found)]
+        # boxes in coordinates T x are found fast, but few decay as fast as a ball of a small problem
+        small = stage is separable_stage and problem.n * problem.m <= FULL_ROWS
+        slow = small and all(getattr(check.claim, "T", None) for check in covering)
+        if not everything and covering and not slow:
             break
     return found + margins_stage(asked, found, report)
 

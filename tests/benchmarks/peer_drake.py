@@ -8,6 +8,7 @@ import json
 import sys
 from typing import Any
 
+import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.symbolic import Polynomial, Variables
 
@@ -37,8 +38,31 @@ def largest(n: int, pinned: int, gain: float, limit: float) -> float:
     return low
 
 
+def pendulums(n: int) -> float:
+    """The ball in {e'Pe <= level} for x'' = -x + x^3/6 - x'/2 + ... on the directed n-cycle of ``peers.pendulums``, P
+    from the linearisation's Lyapunov equation, the largest level by bisection."""
+    M, one = np.eye(n) - np.roll(np.eye(n), 1, axis=1), np.eye(n)
+    M[0, 0] += 2
+    A, unit = np.block([[0 * one, one], [-one - M / 4, -one / 2 - M / 2]]), np.eye(2 * n)
+    P = np.linalg.solve(np.kron(unit, A.T) + np.kron(A.T, unit), -unit.ravel()).reshape(A.shape)
+    low, high, top = 0.0, 40.0, float(np.linalg.eigvalsh(P)[-1])
+    for _ in range(STEPS + 1):
+        middle, program = (low + high) / 2, MathematicalProgram()
+        e = program.NewIndeterminates(2 * n, "e")
+        names, flow = Variables(e), A @ e
+        flow[n:] += e[:n] ** 3 / 6
+        sigma, _ = program.NewSosPolynomial(names, 2)
+        falls = Polynomial(-2 * (e @ P) @ flow - MARGIN * (e @ e), names)
+        program.AddSosConstraint(falls - sigma * Polynomial(middle * top - e @ P @ e, names))
+        low, high = (middle, high) if ClarabelSolver().Solve(program).is_success() else (low, middle)
+    return float(np.sqrt(low))
+
+
 if __name__ == "__main__":
     n, coupling, pinned, gain, limit = sys.argv[1:]
+    if coupling == "pendulums":
+        print(json.dumps([pendulums(int(n))]))
+        sys.exit()
     if coupling != "y + y**3":
         raise SystemExit("only y + y**3 is a polynomial here")
     print(json.dumps([largest(int(n), int(pinned), float(gain), float(limit))]))

@@ -317,7 +317,7 @@ class Network(Shown):
         *,
         arrow: str,
         agents: int | Sequence[Any] | None = None,
-        optional: Iterable[Sequence[Any]] | Mapping[str, Iterable[Sequence[Any]]] = (),
+        optional: Iterable[Sequence[Any]] | Mapping[str, Iterable[Sequence[Any]]] | None = None,
     ) -> Network:
         """Build a network from pairs [a, b] or triples [a, b, w] of labels.
 
@@ -330,14 +330,18 @@ class Network(Shown):
             >>> dd.Network.from_arcs([["tail", "head"]], arrow="listens_to").labels
             ('tail', 'head')
         """
-        given = [_modes(each, isinstance(each, Mapping)) for each in (arcs, optional)]
+        given = [_modes(each, isinstance(each, Mapping)) for each in (arcs, () if optional is None else optional)]
+        for key, each in zip(("arcs", "optional"), given, strict=True):
+            if wrongly := [pairs for pairs in each.values() if not isinstance(pairs, Iterable)]:
+                raise wrong(key, f"must be a list of arcs; got {shown(wrongly[0])}.", "For example [[1, 2], [2, 3]].")
         lists, more = (
             {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in each.items()}
             for each in given
         )
         more = {name: pairs for name, pairs in more.items() if pairs}
         if unknown := set(more) - set(lists):
-            raise wrong("optional", f"names a mode that arcs does not; got {shown(min(unknown))}.", "Use its name.")
+            what = f"names a mode that arcs does not; got {shown(min(unknown))} (a list without names means G)."
+            raise wrong("optional", what, "Use the names of arcs.")
         if agents is None:  # malformed arcs are reported later
             pairs = chain(*lists.values(), *more.values())
             ends = (end for arc in pairs if is_list(arc) for end in arc[:2])

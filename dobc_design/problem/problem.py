@@ -449,7 +449,7 @@ class Problem(Shown):
     def require_fixed_arcs(self, what: str) -> None:
         """Refuse a problem with optional arcs where ``what`` does not know them.  Raises: SpecError."""
         if (loose := self.network.loose) is not None:
-            cure = "Use certify, verify, simulate, falsify or sweep, which know them; or list the graphs as modes."
+            cure = "Use certify, verify, simulate, falsify, sweep or analyse, which know them; or list graphs as modes."
             raise about(f"network.modes.{named(loose)}.optional", f"{what} does not know arcs that come and go.", cure)
 
     def require_no_leader(self, what: str) -> None:

@@ -94,6 +94,10 @@ def test_what_cannot_be_is_named(modes: str, key: str):
 def test_a_mode_that_is_not_there_is_named():
     with pytest.raises(SpecError, match="optional names a mode that arcs does not; got 'H'"):
         loose({"G": []}, {"H": [[1, 2]]})
+    assert Network.from_arcs([[1, 2]], arrow="listens_to", optional=None).loose is None
+    for key, given in (("arcs", {"arcs": 5}), ("optional", {"arcs": [[1, 2]], "optional": True})):
+        with pytest.raises(SpecError, match=f"{key} must be a list of arcs"):
+            Network.from_arcs(**given, arrow="listens_to")
 
 
 @pytest.mark.parametrize(

@@ -38,11 +38,7 @@ def verified(problem: Problem):
 def test_second_order_agents_are_stable_above_the_known_threshold_and_unstable_below(pins, gain, ratio):
     """p'' = -a M p - b M p' (theory, section 13)."""
     above, below = (verified(second_order(pins, gain, ratio * part)) for part in (1.01, 0.99))
-    assert (above.verdict, above.covered_by, above.check("theorem1-weighted").verdict.value) == (
-        Verdict.PROVED,
-        "linearisation",
-        "undecided",
-    )
+    assert above.verdict is Verdict.PROVED and above.covered_by == "linearisation"
     assert below.verdict is Verdict.REFUTED and below.check("linearisation").verdict is Verdict.REFUTED
 
 
@@ -61,20 +57,20 @@ def test_weights_prove_second_order_agents_from_one_over_the_rate_of_first_order
 
 def test_random_agents_are_judged_as_their_eigenvalues_say():
     """2 to 12 agents, 2 to 4 states, 1 or 2 inputs; `make evidence` takes 300 of them."""
-    tally = judged(range(30))
+    tally = judged(range(20))
     assert tally.failures == []
-    assert min(tally.verdicts["proved"], tally.verdicts["refuted"]) >= 8
+    assert min(tally.verdicts["proved"], tally.verdicts["refuted"]) >= 5
 
 
 def test_couplings_beyond_the_bound_are_proved_by_weights_for_agents_and_components():
     """2 kappa c > 1 for a solution R of the Riccati equation: V = e'(D (x) R)e."""
     count = 0
-    for problem in riccati_agents(range(24)):
+    for problem in riccati_agents(range(16)):
         certificate, count = verified(problem), count + 1
         check = certificate.check("theorem1-weighted")
         assert certificate.verdict is check.verdict is Verdict.PROVED, problem.name
         assert set(check.exact) == {"D", "w", "c", "R"} and check.rate > 0
-    assert count >= 15
+    assert count >= 10
 
 
 def test_just_above_the_least_coupling_they_are_proved_and_just_below_refuted():

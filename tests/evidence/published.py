@@ -44,14 +44,3 @@ def regions(count: int, seed: int) -> Row:
     what = "agents with dynamics: starts on the boundary of certified regions, none leaves"
     notes = [f"{proved} problems, {unfinished} runs took too many steps"]
     return Row(what, tried - unfinished, failures, notes, least=count * 99 // 100)
-
-
-def critical_start(problem: dd.Problem, direction: list[list[float]]) -> float:
-    """The smallest multiple of a start that does not settle in 30 s of simulation, by bisection, to 1 %."""
-    low, high = 0.0, 50.0
-    while high - low > 0.01 * high:
-        middle = (low + high) / 2
-        start = [[middle * x for x in row] for row in direction]
-        settles = dd.simulate(problem, start=start, t_final=30).final_error < 1e-2
-        low, high = (middle, high) if settles else (low, middle)
-    return high

@@ -3,13 +3,11 @@
 import ctypes
 import importlib.util
 import zipfile
-from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import control
 import numpy as np
 import pytest
-from bad_samples import GOOD, Program
 from c_harness import CompiledAgents, compile_and_test, needs_gcc, write_all
 from dynamic_agents import double_integrators, felt, matrices, pendulums, three_states
 from scipy.linalg import block_diag, expm
@@ -67,10 +65,7 @@ def test_observer_of_one_agent_is_a_linear_system(name):
     assert to_control(PROBLEMS["pendulums"]).observer is None
 
 
-OF_PENDULUMS = [["--c", "--period", "0.01"], ["--fmu", "--period", "0.01"], ["--sdpa"]]
-
-
-@pytest.mark.parametrize("options", OF_PENDULUMS)
+@pytest.mark.parametrize("options", [["--c", "--period", "0.01"], ["--fmu", "--period", "0.01"], ["--sdpa"]])
 def test_sampled_code_of_f_and_inequalities_are_refused_before_anything_is_written(options, tmp_path):
     """One error that names [dynamics]."""
     (tmp_path / "own.toml").write_text(problem_text(PROBLEMS["pendulums"]), encoding="utf-8")
@@ -82,15 +77,17 @@ def test_sampled_code_of_f_and_inequalities_are_refused_before_anything_is_writt
 
 def test_what_is_not_known_for_dynamics_is_refused(tmp_path):
     """Curves of designs, MATLAB."""
-    problem = PROBLEMS["carts"]
-    refused = [
-        lambda: dd.trade_off(problem),
-        lambda: dd.export.to_mat(problem, tmp_path / "x.mat"),
-    ]
-    for call in refused:
+    for call, *more in ((dd.trade_off,), (dd.export.to_mat, tmp_path / "x.mat")):
         with pytest.raises(SpecError, match="not available yet for agents with dynamics"):
-            call()
+            call(PROBLEMS["carts"], *more)
     assert not list(tmp_path.iterdir())
+
+
+def pulls(problem: dd.Problem, data):
+    """h'(0) - K by central differences, (n p, n m)."""
+    units, e = np.eye(problem.n * problem.m).reshape(-1, problem.n, problem.m), 1e-6
+    felt_by = [(felt(problem, e * x) - felt(problem, -e * x)).ravel() / (2 * e) for x in units]
+    return np.array(felt_by).T - block_diag(*data["K"])
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
@@ -98,16 +95,11 @@ def test_matrices_are_those_of_theory(name):
     """Lambda = J + J' of e' = (I (x) A_x) e + (I (x) B) (h(e) - K e), K (n p, n m)."""
     problem = PROBLEMS[name]
     found, data = dd.export.to_numpy(problem), matrices(problem)
-    n, (m, p), e = problem.n, data["B"].shape, 1e-6
+    n = problem.n
     np.testing.assert_allclose(found["Ax"], data["A"], atol=1e-12)
     np.testing.assert_array_equal(found["B"], data["B"])
-    units = np.eye(n * m).reshape(-1, n, m)
-    felt_by = np.array([(felt(problem, e * x) - felt(problem, -e * x)).ravel() / (2 * e) for x in units]).T
-    K = np.zeros((n * p, n * m))
-    for i, gain in enumerate(data["K"]):
-        K[i * p : i * p + p, i * m : i * m + m] = gain
-    np.testing.assert_array_equal(found["K"], K)
-    J = np.kron(np.eye(n), data["A"]) + np.kron(np.eye(n), data["B"]) @ (felt_by - K)
+    np.testing.assert_array_equal(found["K"], block_diag(*data["K"]))
+    J = np.kron(np.eye(n), data["A"]) + np.kron(np.eye(n), data["B"]) @ pulls(problem, data)
     np.testing.assert_allclose(found["Lambda"], J + J.T, atol=1e-6)
     assert "A_x" in dd.export.to_latex(dd.certify(problem)) and "Ax" in dd.export.to_sympy(problem)
 
@@ -187,20 +179,16 @@ def test_code_passes_its_own_vectors_and_claims_what_is_proved(name, precision, 
 @pytest.mark.parametrize("name", ["carts", "plants"])
 def test_the_longest_period_is_that_of_the_eigenvalues(name):
     """e_(k+1) = Phi e_k + G (h'(0) e_k - K e_k): proved just below the limit, refused just above; another is named."""
-    problem, data, e = PROBLEMS[name], matrices(PROBLEMS[name]), 1e-6
+    problem, data = PROBLEMS[name], matrices(PROBLEMS[name])
     n, (m, p) = problem.n, data["B"].shape
-    felt_by = [
-        (felt(problem, e * x) - felt(problem, -e * x)).ravel() / (2 * e) for x in np.eye(n * m).reshape(-1, n, m)
-    ]
-    pulls = np.array(felt_by).T - block_diag(*data["K"])
+    pull = pulls(problem, data)
     block = np.zeros((m + p, m + p))
     block[:m] = np.hstack([data["A"], data["B"]])
 
     def radius(period: float) -> float:
         flow = expm(block * period)[:m]
-        return np.abs(
-            np.linalg.eigvals(np.kron(np.eye(n), flow[:, :m]) + np.kron(np.eye(n), flow[:, m:]) @ pulls)
-        ).max()
+        whole = np.kron(np.eye(n), flow[:, :m]) + np.kron(np.eye(n), flow[:, m:]) @ pull
+        return np.abs(np.linalg.eigvals(whole)).max()
 
     limit = brentq(lambda period: radius(period) - 1, 0.05, 2.0)
     bare = problem.replace(exosystem=None, observer=None, simulation=None)
@@ -223,21 +211,6 @@ def test_the_error_of_the_sampled_observer_obeys_its_matrix():
         eps = run.xi - run.xihat
         np.testing.assert_allclose(eps[1:], eps[:-1] @ (Ad - L @ Cd).T, atol=1e-12)
         assert np.abs(eps[0]).max() > 0.1
-
-
-@needs_gcc
-@pytest.mark.parametrize("name", ["carts", "plants"])
-def test_missed_samples_are_those_that_the_model_expects(name, tmp_path):
-    """Five states are not measured after the estimate has settled; inputs hardly change."""
-    program = Program(PROBLEMS[name], tmp_path, period="1/50", precision="double")
-
-    def spoil(x, heard, limited, u):
-        x[-GOOD:][:5] = np.nan
-
-    (found,) = program.run([SimpleNamespace(spoil=spoil)])
-    assert found[-1, -1] == 5
-    p = program.p
-    assert np.abs(program.dhat[-GOOD:]).max() > 0.1 and np.abs(found[:, :p] - program.u)[-GOOD:].max() < 1e-4
 
 
 @needs_gcc

@@ -45,17 +45,8 @@ def three_states() -> dd.Problem:
 
 def pendulums() -> dd.Problem:
     """p'' = -p^3 - p'/2 + u + d: f in place of A, which u0 balances at the target."""
-    return dd.Problem(
-        name="pendulums",
-        network=RING,
-        dynamics=Dynamics(f=["x2", "-x1**3 - x2/2"], B=[[0], [1]]),
-        coupling="y1 + 2*y2",
-        target=[1, 0],
-        gains={"a": 3},
-        exosystem=dd.Exosystem(**SINE, C=[[1, 0]]),
-        observer=dd.Observer(W=[["16/5"], ["12/5"]]),
-        simulation={"t_final": 6, "xi0": ["0.4", "0.3"]},
-    )
+    nodes = Dynamics(f=["x2", "-x1**3 - x2/2"], B=[[0], [1]])
+    return double_integrators().replace(name="pendulums", dynamics=nodes, gains={"a": 3})
 
 
 def felt(problem: dd.Problem, e: Any) -> Any:

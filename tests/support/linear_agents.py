@@ -79,14 +79,9 @@ def loop_matrix(problem: Problem, W: Any) -> np.ndarray:
     Ax, C = (np.array(X, dtype=float) for X in (problem.exosystem.A, problem.exosystem.C))
     BC, own = np.kron(every, B @ C), np.kron(every, gain)
     zeros = np.zeros((n * q, n * m))
-    x = np.hstack([known - BC @ own, BC, -BC])
-    xi = np.hstack([zeros, np.kron(every, Ax), np.zeros((n * q, n * q))])
-    z = np.hstack([np.kron(every, Ax) @ own - own @ known, np.zeros((n * q, n * q)), np.kron(every, Ax)])
-    whole = np.vstack([x, xi, z])
-    eye, none = np.eye(n * q), np.zeros((n * m, n * q))
-    turn = np.vstack(
-        [np.hstack([np.eye(n * m), none, none]), np.hstack([-own, eye, -eye]), np.hstack([zeros, eye, 0 * eye])]
-    )
+    flow, eye, none = np.kron(every, Ax), np.eye(n * q), np.zeros((n * m, n * q))
+    whole = np.block([[known - BC @ own, BC, -BC], [zeros, flow, 0 * eye], [flow @ own - own @ known, 0 * eye, flow]])
+    turn = np.block([[np.eye(n * m), none, none], [-own, eye, -eye], [zeros, eye, 0 * eye]])
     turned = turn @ whole @ np.linalg.inv(turn)  # of (e, eps, xi)
     size = n * (m + q)
     assert np.allclose(turned[:size, size:], 0)

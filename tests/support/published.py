@@ -21,12 +21,11 @@ IEEE9_WEIGHTS = {(1, 2): "12.5", (1, 3): "9.84", (2, 1): "46.18", (2, 3): "33.01
 IEEE9_ANGLES = (0.0431, 0.3584, 0.2372)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Published:
-    """A problem, its source, what was published, and the verdict that is to be found."""
+    """A problem, what was published, and the verdict that is to be found."""
 
     name: str
-    source: str
     published: str
     build: Callable[[], Problem]
     verdict: str = "proved"
@@ -34,11 +33,6 @@ class Published:
 
 def ring(n: int) -> Network:
     return Network.from_arcs([[i, i % n + 1] for i in range(1, n + 1)], arrow="listens_to", agents=n)
-
-
-def path(n: int) -> Network:
-    arcs = [[i, j] for i in range(1, n) for j in (i + 1,)]
-    return Network.from_arcs([*arcs, *([j, i] for i, j in arcs)], arrow="listens_to", agents=n)
 
 
 def swing9(reach: str, speed: str) -> Problem:
@@ -84,99 +78,44 @@ def jointly_connected() -> Problem:
 
 
 PUBLISHED = (
+    # Yu, Chen and Cao, Automatica 46 (2010)
     Published(
-        name="second order, directed 10-cycle, 1 % above the threshold",
-        source="Yu, Chen and Cao, Automatica 46 (2010)",
-        published="stable iff b^2/a > 1.3992",
-        build=lambda: second_order({1: 3}, 2, 1.01 * CYCLE10),
+        "second order, directed 10-cycle, 1 % above the threshold",
+        "stable iff b^2/a > 1.3992",
+        lambda: second_order({1: 3}, 2, 1.01 * CYCLE10),
     ),
+    Published("the same, 1 % below", "unstable", lambda: second_order({1: 3}, 2, 0.99 * CYCLE10), "refuted"),
+    # Ren, Automatica 44 (2008)
     Published(
-        name="the same, 1 % below",
-        source="Yu, Chen and Cao, Automatica 46 (2010)",
-        published="unstable",
-        build=lambda: second_order({1: 3}, 2, 0.99 * CYCLE10),
-        verdict="refuted",
+        "coupled harmonic oscillators, a path", "agree iff the leader reaches all", lambda: oscillators(reached=True)
     ),
+    Published("the same, one agent hears nobody", "does not agree", lambda: oscillators(reached=False), "refuted"),
+    # built-in `platoon`; double integrators as in Ren and Atkins (2007)
+    Published("trucks in formation, gusts", "-", lambda: load_problem("platoon")),
+    # Lorenz (1963); pinning as in Chen, Liu and Lu (2007)
     Published(
-        name="coupled harmonic oscillators, a path",
-        source="Ren, Automatica 44 (2008)",
-        published="agree iff the leader reaches all",
-        build=lambda: oscillators(reached=True),
+        "Lorenz nodes, k = 12 on each", "origin: k > (sqrt(1201) - 11)/2 = 11.83", lambda: nodes(LORENZ, 12, "1/10")
     ),
+    # Lorenz (1963)
+    Published("Lorenz nodes, k = 11.7", "unstable", lambda: nodes(LORENZ, "11.7", "1/10"), "refuted"),
+    # Hartley (1989)
+    Published("Chua nodes with a cubic, k = 10", "-", lambda: nodes(CUBIC_CHUA, 10, "1/5")),
+    # built-in `neurons`; FitzHugh (1961)
+    Published("FitzHugh-Nagumo nodes at rest", "alone they fire", lambda: load_problem("neurons")),
+    # MATPOWER case9; Anderson and Fouad
+    Published("swing equations, IEEE 9 buses", "-", lambda: swing9("0.05", "0.1")),
+    # built-in `swing-ieee39`; Athay, Podmore and Virmani (1979)
+    Published("swing equations, IEEE 39 buses", "-", lambda: load_problem("swing-ieee39")),
+    # Jadbabaie, Motee and Barahona (2004); Doerfler and Bullo (2014)
+    Published("Kuramoto, unknown frequencies", "angles within pi/2", lambda: kuramoto("0.6")),
+    # built-in `microgrid-ieee14`; Simpson-Porco, Doerfler and Bullo (2013)
     Published(
-        name="the same, one agent hears nobody",
-        source="Ren, Automatica 44 (2008)",
-        published="does not agree",
-        build=lambda: oscillators(reached=False),
-        verdict="refuted",
+        "droop-controlled microgrid, IEEE 14 buses", "angles within pi/2", lambda: load_problem("microgrid-ieee14")
     ),
-    Published(
-        name="trucks in formation, gusts",
-        source="built-in `platoon`; double integrators as in Ren and Atkins (2007)",
-        published="-",
-        build=lambda: load_problem("platoon"),
-    ),
-    Published(
-        name="Lorenz nodes, k = 12 on each",
-        source="Lorenz (1963); pinning as in Chen, Liu and Lu (2007)",
-        published="origin: k > (sqrt(1201) - 11)/2 = 11.83",
-        build=lambda: nodes(LORENZ, 12, "1/10"),
-    ),
-    Published(
-        name="Lorenz nodes, k = 11.7",
-        source="Lorenz (1963)",
-        published="unstable",
-        build=lambda: nodes(LORENZ, "11.7", "1/10"),
-        verdict="refuted",
-    ),
-    Published(
-        name="Chua nodes with a cubic, k = 10",
-        source="Hartley (1989)",
-        published="-",
-        build=lambda: nodes(CUBIC_CHUA, 10, "1/5"),
-    ),
-    Published(
-        name="FitzHugh-Nagumo nodes at rest",
-        source="built-in `neurons`; FitzHugh (1961)",
-        published="alone they fire",
-        build=lambda: load_problem("neurons"),
-    ),
-    Published(
-        name="swing equations, IEEE 9 buses",
-        source="MATPOWER case9; Anderson and Fouad",
-        published="-",
-        build=lambda: swing9("0.05", "0.1"),
-    ),
-    Published(
-        name="swing equations, IEEE 39 buses",
-        source="built-in `swing-ieee39`; Athay, Podmore and Virmani (1979)",
-        published="-",
-        build=lambda: load_problem("swing-ieee39"),
-    ),
-    Published(
-        name="Kuramoto, unknown frequencies",
-        source="Jadbabaie, Motee and Barahona (2004); Doerfler and Bullo (2014)",
-        published="angles within pi/2",
-        build=lambda: kuramoto("0.6"),
-    ),
-    Published(
-        name="droop-controlled microgrid, IEEE 14 buses",
-        source="built-in `microgrid-ieee14`; Simpson-Porco, Doerfler and Bullo (2013)",
-        published="angles within pi/2",
-        build=lambda: load_problem("microgrid-ieee14"),
-    ),
-    Published(
-        name="joint connectivity, period 2 s",
-        source="Jadbabaie, Lin and Morse, IEEE TAC 48 (2003)",
-        published="agree, no rate",
-        build=jointly_connected,
-    ),
-    Published(
-        name="Example 1 of the paper",
-        source="built-in `paper-fixed`",
-        published="agree, no rate",
-        build=lambda: load_problem("paper-fixed"),
-    ),
+    # Jadbabaie, Lin and Morse, IEEE TAC 48 (2003)
+    Published("joint connectivity, period 2 s", "agree, no rate", jointly_connected),
+    # built-in `paper-fixed`
+    Published("Example 1 of the paper", "agree, no rate", lambda: load_problem("paper-fixed")),
 )
 
 

@@ -148,7 +148,7 @@ def envelope_of(problem: Problem, check: Check, claim: Claim | None, starts: Sta
     if isinstance(claim, Cycles) and claim.rate is not None:
         return _bound_of_weights(problem, claim, radius, disturbance)
     if isinstance(claim, Lure | Shell):
-        lure, level = lure_and_level(claim)
+        lure, level = (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
         first = eigenvalue_bound(lure.P_e) * radius**2 + _errors(problem, lure.P, disturbance)
         if level is not None and isinstance(domain, Mapping):  # the level is a bound as well
             first = min(first, level)
@@ -164,11 +164,6 @@ def error_share(claim: Separable | Cycles, disturbance: Fraction, *, unit: int) 
     if claim.error is None:
         return Fraction(0)
     return root_above((claim.error.kappa * disturbance) ** 2 * claim.error.size, unit=unit)
-
-
-def lure_and_level(claim: Lure | Shell) -> tuple[Lure, Fraction | None]:
-    """The quadratic V of a claim, and the level that holds its starts."""
-    return (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
 
 
 def _bound_of_weights(problem: Problem, claim: Cycles, radius: Fraction, disturbance: Fraction) -> Envelope:

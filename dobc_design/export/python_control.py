@@ -15,7 +15,7 @@ import numpy as np
 from dobc_design.problem.arrays import Array, Gain, arc_groups
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
-from dobc_design.simulation.field import Loop, Network, make_loop, network_of
+from dobc_design.simulation.field import Loop, Network, applied, make_loop, network_of
 from dobc_design.simulation.signals import Fixed, Scheduled
 from dobc_design.simulation.switches import scheduled_switches
 from dobc_design.simulation.trajectory import Trajectory
@@ -69,12 +69,12 @@ def _system(problem: Problem, loop: Loop, network_at: Callable[[float], Network]
 
     def update(time: float, state: Array, w: Array, params: Any) -> Array:
         (x, xi, z), s = loop.split(state[:size]), state[size:]
-        xihat = z + loop.correction(x)
+        xihat = z + applied(loop.W, x)
         with np.errstate(all="ignore"):  # trial steps far from the target overflow
             e = (x - loop.goal - (s if len(s) else 0.0)).ravel()
             felt, s_dot = np.split(network_at(max(0.0, float(time)))(np.concatenate([e, s])), [len(e)])
             felt = (felt.reshape(x.shape) + (s_dot if len(s) else 0.0)).ravel() - (xihat @ loop.C.T).ravel()
-            z_dot = xihat @ loop.F.T - loop.correction(felt.reshape(x.shape))
+            z_dot = xihat @ loop.F.T - applied(loop.W, felt.reshape(x.shape))
         w = w if loop.plant is None else (w.reshape(loop.n, -1) @ loop.plant.B.T).ravel()
         return np.concatenate([felt + (xi @ loop.C.T).ravel() + w, (xi @ loop.A.T).ravel(), z_dot.ravel(), s_dot])
 

@@ -191,12 +191,6 @@ def recheck_section(certificate: Certificate, prints: Facts) -> doc.Section:
     return doc.Section("Check it yourself", blocks, "recheck")
 
 
-def signatures_section() -> doc.Section:
-    """Lines for the people who sign a printed report."""
-    lines = doc.Signatures(("Name", "Date", "Signature"), ("Prepared by", "Checked by", "Approved by"))
-    return doc.Section("Signatures", (doc.Text(_FIXED["signing"]), lines), "signatures")
-
-
 def fingerprints(certificate: Certificate) -> Facts:
     """Of the problem and of the certificate, as files."""
     data = certificate_text.certificate_bytes(certificate.claims)
@@ -219,9 +213,3 @@ def certify_command(certificate: Certificate) -> str:
     known: list[str] = [option for option in SWITCHES if option in options]
     known += [x for x in options if x.startswith(TIMED) and words.rational(x.removeprefix(TIMED)) is not None][:1]
     return " ".join(["dobc certify problem.json", *known, *(f"{SETTLING}{x}" for x in tolerances[:1]), "--out again"])
-
-
-def title_block(certificate: Certificate, prints: Facts) -> Facts:
-    """What identifies a signed report, on its first page."""
-    file_format = f"{certificate_text.FORMAT} {certificate_text.VERSION}"
-    return (*prints, ("Decided by", f"dobc_design {certificate.claims.version}, {file_format}"))

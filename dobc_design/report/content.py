@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from dobc_design._show.text import latex_decimal, latex_matrix, latex_number
+from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.plotting.look import thinned_rows
@@ -50,7 +51,11 @@ def report_document(
     problem, prints, verdict = certificate.problem, checks.fingerprints(certificate), certificate.verdict
     mark, proved = words.mark_of(verdict), verdict is Verdict.PROVED
     facts = [(name, told) for name, told in words.facts(certificate).items() if proved or told != "–"]
-    identity = checks.title_block(certificate, prints)
+    file_format = f"{certificate_text.FORMAT} {certificate_text.VERSION}"
+    identity = (*prints, ("Decided by", f"dobc_design {certificate.claims.version}, {file_format}"))
+    yes, no = words.what_it_means(certificate)
+    says, says_not = doc.Section("It says", (doc.List(yes),)), doc.Section("It does not say", (doc.List(no),))
+    signs = doc.Signatures(("Name", "Date", "Signature"), ("Prepared by", "Checked by", "Approved by"))
     verdicts = doc.Terms([(words.mark_of(each), words.TEXTS["verdicts"][each.value]) for each in Verdict])
     return doc.Document(
         kind="Certificate of consensus",
@@ -66,7 +71,7 @@ def report_document(
         footer=f"{words.shortened(problem.name, LONGEST_NAME)}: {verdict.value} · certificate {prints[1][1][:16]}…",
         blocks=(
             doc.in_markdown(doc.Facts((*identity, *facts))),
-            _meaning(certificate),
+            doc.Section("What this says, and what it does not", (doc.Beside(((says,), (says_not,))),), "meaning"),
             *plant_section(certificate),
             _loop(certificate),
             *_bound(certificate, trajectory, worst),
@@ -86,15 +91,9 @@ def report_document(
             checks.trace_section(certificate.checks),
             checks.recheck_section(certificate, prints),
             doc.Section("Words", (verdicts, doc.on_pages(doc.Terms([*words.TEXTS["words"].items()]))), "glossary"),
-            checks.signatures_section(),
+            doc.Section("Signatures", (doc.Text(words.TEXTS["fixed"]["signing"]), signs), "signatures"),
         ),
     )
-
-
-def _meaning(certificate: Certificate) -> doc.Section:
-    yes, no = words.what_it_means(certificate)
-    says, says_not = doc.Section("It says", (doc.List(yes),)), doc.Section("It does not say", (doc.List(no),))
-    return doc.Section("What this says, and what it does not", (doc.Beside(((says,), (says_not,))),), "meaning")
 
 
 def _loop(certificate: Certificate) -> doc.Section:
@@ -302,7 +301,7 @@ def _condition(certificate: Certificate, lambdas: Mapping[str, Matrix]) -> doc.S
     if slopes and certificate.problem.leader is not None:
         slopes = " The slopes of f are bounded over a box that the leader never leaves."
     blocks: list[doc.Block] = [] if own is None else [doc.Text(words.TEXTS["fixed"]["by_errors"] + slopes)]
-    blocks += list(_disturbed(certificate.problem) if certificate.problem.groups else _undisturbed())
+    blocks += list(_asked(certificate.problem))
     if matrices.items:
         blocks += [matrices, doc.on_pages(doc.Text(rounded, "caption"))]
     for name, bound in words.bounds_of(certificate).items():
@@ -344,13 +343,12 @@ def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
             yield doc.ShownMatrix(name, what, matrix)
 
 
-def _undisturbed() -> Iterator[doc.Block]:
-    yield doc.on_pages(doc.Text("Without a disturbance, Lemma 1 asks in every mode for"))
-    yield doc.Formula(words.TEXTS["condition"]["lambda"] + " < 0", typst="lemma 1")
-    yield doc.on_pages(doc.Text(("where ", doc.Math("J", "J"), " is the Jacobian of the couplings.")))
-
-
-def _disturbed(problem: Problem) -> Iterator[doc.Block]:
+def _asked(problem: Problem) -> Iterator[doc.Block]:
+    if not problem.groups:
+        yield doc.on_pages(doc.Text("Without a disturbance, Lemma 1 asks in every mode for"))
+        yield doc.Formula(words.TEXTS["condition"]["lambda"] + " < 0", typst="lemma 1")
+        yield doc.on_pages(doc.Text(("where ", doc.Math("J", "J"), " is the Jacobian of the couplings.")))
+        return
     P, Q, W = doc.Math("P > 0", "P > 0"), doc.Math("Q", "Q"), doc.Math("W = P⁻¹ Q", "W = P^{-1} Q")
     asks = ("Theorems 1 and 2 ask for matrices ", P, " and ", Q, ", with ", W, ", such that in every mode")
     exactly = " is the Jacobian of the couplings. An equivalent condition of smaller size is used:"

@@ -223,10 +223,6 @@ class Loop:
         lead = (*state.shape[:-1], self.n)
         return x.reshape(*lead, self.m), xi.reshape(*lead, self.q), z.reshape(*lead, self.q)
 
-    def correction(self, y: Array) -> Array:
-        """W y of every agent: (..., n, m) -> (..., n, q)."""
-        return applied(self.W, y)
-
     def control(self, e: Array, dhat: Array) -> Array:
         """u of (19) for e (..., n, m) and dhat (..., n, p)."""
         K, u0 = (self.K, 0.0) if self.plant is None else (self.plant.K, self.plant.u0)

@@ -75,41 +75,33 @@ class Agents:
 
     def rows(self, T: Array, gains: Gains, v: Array) -> tuple[Array, Any]:
         """The largest row of every component at v (n, m), and the sparse matrix whose product with v it is."""
-        (n, m), S, node = v.shape, np.asarray(np.linalg.inv(T), dtype=float), self.problem.node
-        H, everybody, columns = T @ self.gains @ S, np.vstack([v, np.zeros((1, m))]), np.arange(m)
-        corners = {place: _corners(T, S, ends) for place, ends in gains.items() if place != node}
-        best, which = np.full((n, m), -np.inf), np.zeros((n, m), dtype=np.int64)
-        found: list[tuple[Any, int, Array, Array, list[Any]]] = []
-        for groups, c, signs in product(self.modes, range(m), product((1.0, -1.0), repeat=m)):
-            if signs[c] < 0:
-                continue
-            sign = np.array(signs)
-            own, x, choices = -H[:, c, :], v * sign, []
+        (n, m), S, agents = v.shape, np.asarray(np.linalg.inv(T), dtype=float), np.arange(self.size)
+        node, everybody, best, chosen = self.problem.node, np.vstack([v, np.zeros((1, m))]), [], []
+        H, corners = T @ self.gains @ S, {k: _corners(T, S, ends) for k, ends in gains.items() if k != node}
+
+        def row(groups: Any, c: int, sign: Array) -> Any:
+            own, x = -H[:, c, :], v * sign
             if node is not None:
                 low, high = gains[node] - self.slopes
                 own = own + T[c] @ np.where(T[c][:, None] * (x @ S.T)[:, None, :] >= 0, high, low) @ S
-            total = np.sum(own * x, axis=1)
+            parts = [(agents, agents, own * sign)]
             for place, i, j, w, sure in groups:
                 G = corners[place][:, c, :]
                 value = everybody[j] @ np.abs(G).T - x[i] @ G.T
-                most = np.max(value, axis=1)
-                choices.append((np.argmax(value, axis=1), w * (sure | (most > 0))))
-                total += np.bincount(i, choices[-1][1] * most, minlength=n)
-            better = total > best[:, c]
-            best[better, c], which[better, c] = total[better], len(found)
-            found.append((groups, c, sign, own * sign, choices))
-        parts: list[tuple[Any, Any, Any]] = []
-        for number, (groups, c, sign, own, choices) in enumerate(found):
-            mine = np.flatnonzero(which[:, c] == number)
-            parts.append((mine * m + c, mine, own[mine]))
-            for (place, i, j, _, _), (choice, w) in zip(groups, choices, strict=True):
-                here = np.flatnonzero(which[i, c] == number)
-                g, row = w[here, None] * corners[place][choice[here], c, :], i[here] * m + c
-                parts += [(row, j[here], np.abs(g)), (row, i[here], -g * sign)]
-        places = [np.repeat(rows, m) for rows, _, _ in parts], [(j[:, None] * m + columns).ravel() for _, j, _ in parts]
-        entries = np.concatenate([x.ravel() for _, _, x in parts])
-        M = sparse.csr_array((entries, tuple(map(np.concatenate, places))), shape=(n * m, n * m + m))
-        return best, M[:, : n * m]
+                g = (w * (sure | (np.max(value, axis=1) > 0)))[:, None] * G[np.argmax(value, axis=1)]
+                parts += [(i, j, np.abs(g)), (i, i, -g * sign)]
+            i, j, entries = map(np.concatenate, zip(*parts, strict=True))
+            places = np.repeat(i, m), (j[:, None] * m + np.arange(m)).ravel()
+            return sparse.csr_array((entries.ravel(), places), shape=(n, n * m + m))
+
+        for c in range(m):
+            signs = [np.array(sign) for sign in product((1.0, -1.0), repeat=m) if sign[c] > 0]
+            M = sparse.vstack([row(groups, c, sign) for groups in self.modes for sign in signs], format="csr")
+            values = (M @ everybody.ravel()).reshape(-1, n)
+            best.append(values.max(axis=0))
+            chosen.append(M[values.argmax(axis=0) * n + agents])
+        by_agent = np.arange(n * m).reshape(m, n).T.ravel()
+        return np.array(best).T, sparse.vstack(chosen, format="csr")[by_agent][:, : n * m]
 
     def vectors(self, T: Array, gains: Gains) -> list[tuple[float, Array]]:
         """Rates > 0 with their v (n, m), min v = 1: the flattest v first, the fastest last."""

@@ -54,8 +54,10 @@ def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weight
     tables = {mode: stiffness(problem, mode) for mode in problem.network.modes}
     if any(table is None for table in tables.values()) or (problem.groups and W is None):
         return
-    pairs = {mode: perron(table) for mode, table in tables.items()}
-    if any(pair is None for pair in pairs.values()):
+    pairs = dict[str, Perron | None]()
+    with suppress(*GIVEN_UP):
+        pairs = {mode: perron(table) for mode, table in tables.items()}
+    if not pairs or any(pair is None for pair in pairs.values()):
         return
     most = SAFE * min(pair.rate for pair in pairs.values() if pair is not None)
     if W is not None and problem.groups:
@@ -115,12 +117,6 @@ class Perron:
 
 def perron(table: Any) -> Perron | None:
     """The pair of an M-matrix with a rate close to mu, its least Re of an eigenvalue; None if mu > 0 is not seen."""
-    with suppress(*GIVEN_UP):
-        return _perron(table)
-    return None
-
-
-def _perron(table: Any) -> Perron | None:
     size = table.shape[0]
     w = u = ones = np.ones(size)
     acyclic = csgraph.connected_components(table, connection="strong")[0] == size

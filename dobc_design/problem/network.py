@@ -331,8 +331,8 @@ class Network(Shown):
             ('tail', 'head')
         """
         given = [_modes(each, isinstance(each, Mapping)) for each in (arcs, () if optional is None else optional)]
-        for key, each in zip(("arcs", "optional"), given, strict=True):
-            if wrongly := [pairs for pairs in each.values() if not isinstance(pairs, Iterable)]:
+        for key, modes in zip(("arcs", "optional"), given, strict=True):
+            if wrongly := [listed for listed in modes.values() if not isinstance(listed, Iterable)]:
                 raise wrong(key, f"must be a list of arcs; got {shown(wrongly[0])}.", "For example [[1, 2], [2, 3]].")
         lists, more = (
             {name: [tuple(arc) if is_list(arc) else arc for arc in pairs] for name, pairs in each.items()}

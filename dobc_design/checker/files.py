@@ -16,7 +16,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 from .expressions import Coupling, Expression, read_coupling
-from .intervals import Exact, Floats, enclosed, times
+from .intervals import Exact, enclosed, times
 from .matrices import ZERO, Matrix, Rows, diagonal, echelon, identity, meets, plus, product, stable, transpose
 from .reading import (
     MATRIX_BITS,
@@ -162,15 +162,14 @@ class Problem:
 
     def encloses(self) -> list[Any]:
         """The box of the leader: it starts there, and on no face f points outwards, so that it stays (Nagumo)."""
-        box = self.leader.stays_in
-        need(box is not None, "the leader's solution is not enclosed")
+        need(self.leader.stays_in is not None, "the leader's solution is not enclosed")
+        box = [(lo, hi) for lo, hi in self.leader.stays_in]
         need(all(a <= lo and hi <= b for (lo, hi), (a, b) in zip(self.leads, box, strict=True)), "it starts outside")
-        sides = [(enclosed(lo)[0], enclosed(hi)[1]) for lo, hi in box]
         for c, f in enumerate(self.flow):
             for sign, end in zip((1, -1), box[c], strict=True):
-                face = [*sides[:c], enclosed(end), *sides[c + 1 :]]
+                face = [*box[:c], (end, end), *box[c + 1 :]]
                 need(points(f, sign, face), "f is not shown to point inwards on a face of the leader's box")
-        return sides
+        return [(enclosed(lo)[0], enclosed(hi)[1]) for lo, hi in box]
 
     def rests(self, target: list[Fraction], offsets: Any) -> list[Coupling]:
         """Goals are equilibria for some constant input; A are the slopes of f(target + e) - f(target), which is there
@@ -360,8 +359,8 @@ class Problem:
         return all(lo <= hi for lo, hi, *_ in rooms) and any(meets(rows, pivots, each) for each in boxes)
 
 
-def points(f: Expression, sign: int, face: list[Floats], pieces: int = 4096) -> bool:
-    """sign f >= 0 on a face, shown on its parts."""
+def points(f: Expression, sign: int, face: list[Exact], pieces: int = 4096) -> bool:
+    """sign f >= 0 on a face, shown on its parts; exactly, since f may be 0 there."""
     parts = [face]
     while parts and pieces:
         part, pieces = parts.pop(), pieces - 1

@@ -37,6 +37,7 @@ from dobc_design.problem.canonical import canonical_bytes, problem_from_canonica
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.leader import Leader, enclosure, open_faces
 
+TENTHS: dict[str, Any] = {"initial": [["-1/4", "1/4"]] * 2, "stays_in": [["-3/10", "3/10"]] * 2}
 RING = Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
 SPIKES = Dynamics(f=["x1 - x1**3/3 - x2 + 1/2", "0.08*(x1 + 0.7 - 0.8*x2)"])
 SQUARE: dict[str, Any] = {"initial": [[-1, 1], [-1, 1]]}
@@ -64,6 +65,8 @@ CASES = {
     "pushed": (oscillators(-2), REFUTED, None),
     "nobody pinned": (oscillators(0), REFUTED, None),  # e alike in all agents obeys e' = A e, and A turns it
     "spiking": (spiking(), PROVED, "lure"),
+    # f_1 = 0 at two corners of the box, which are no floating-point numbers
+    "along a face": (spiking(dynamics=Dynamics(f=["x2 - x1", "-x1/2 - x2 - x2**3"]), leader=TENTHS), PROVED, "lure"),
     "let go": (spiking("9/10"), UNDECIDED, None),  # where |s_1| < 1/4 all errors alike grow
     "no box": (spiking(leader=SQUARE | {"stays_in": [[-1, 1], [-1, 1]]}), UNDECIDED, None),
 }

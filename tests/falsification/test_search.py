@@ -240,7 +240,7 @@ def test_networks_beyond_sixty_rows_are_simulated_only():
         ({"t_final": 0}, "t_final"),
         ({"seed": -1}, "seed"),
         ({"radius": 1.0, "certified": Separable(v=(F(1),), alpha=F(1), rho=F(1))}, "certified says where"),
-        ({"certified": Separable(v=(F(1),), alpha=F(1), rho=F(1))}, "one v per agent"),
+        ({"certified": Separable(v=(F(1),), alpha=F(1), rho=F(1))}, "weights v for this problem"),
     ],
 )
 def test_wrong_arguments_are_refused(given: dict, complaint: str):

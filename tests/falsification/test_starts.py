@@ -82,7 +82,7 @@ def test_starts_of_what_holds_everywhere_without_a_matrix_and_of_another_problem
     assert sets.level_of(problem(0), everywhere).value(np.array([[1.0], [0], [0]]), np.zeros((3, 0, 1))) == [1.0]
     linear = Lure(P_e=identity(3), ranges=(), radius=None, level=None)
     assert sets.level_of(problem(0), linear).value(np.array([[0.0], [0], [1]]), np.zeros((3, 0, 1))) == [1.0]
-    with pytest.raises(SpecError, match="one v per agent"):
+    with pytest.raises(SpecError, match="weights v for this problem"):
         sets.level_of(cycle(5, 3), SEPARABLE)
     with pytest.raises(SpecError, match="P_e of 5 rows"):
         sets.level_of(cycle(5, 3), LURE)

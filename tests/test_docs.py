@@ -140,7 +140,8 @@ COMMANDS = """
 problems; schema; doctor; explain; explain hurwitz; check line.toml; check groups.toml --canonical problem.json
 certify line.toml --no-report; certify free.toml --no-report --theorem lemma1 --apply-fix cured.toml --search
 verify line-certificate --problem line.toml; region line.toml; region line.toml --all --search
-design line.toml --out designed.toml; simulate line.toml; simulate line.toml --runs 3
+design line.toml --out designed.toml; design platoon --coupling --rate 0.4 --out trucks.toml
+simulate line.toml; simulate line.toml --runs 3
 simulate line.toml --certificate line-certificate; sweep line.toml pinning.gains.1=1,2 --jobs 1 --out swept
 report line-certificate; new pumps; export line.toml --sdpa lmi.dat-s; export line.toml --c code --period 1/4
 export line.toml --fmu agent.fmu --period 1/4; export line.toml --python-control loop.py

@@ -55,6 +55,7 @@ def test_weights_prove_second_order_agents_from_one_over_the_rate_of_first_order
     assert below.covered_by == "linearisation"
 
 
+@pytest.mark.slow
 def test_random_agents_are_judged_as_their_eigenvalues_say():
     """2 to 12 agents, 2 to 4 states, 1 or 2 inputs; `make evidence` takes 300 of them."""
     tally = judged(range(20))
@@ -190,6 +191,7 @@ def test_both_programs_refuse_such_claims(id, exact, rate):
     assert found and found[0].startswith(id)
 
 
+@pytest.mark.slow
 def test_pendulums_stay_in_their_region():
     """x'' = -x - x'/2 + sum sin(p_j - p_i) + u: 200 starts on the boundary of the level set, on the whole loop."""
     n, both_ways = 3, [[1, 2], [2, 1], [2, 3], [3, 2]]

@@ -77,7 +77,10 @@ def certified(name: str) -> Certificate:
     return certify(CASES[name][0])
 
 
-@pytest.mark.parametrize("name", CASES)
+LONG = ("spiking", "along a face")
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in CASES])
 def test_both_programs_agree_on_who_follows(name: str):
     problem, verdict, by = CASES[name]
     certificate = certified(name)
@@ -268,6 +271,7 @@ def test_what_knows_no_leader_refuses_it(refused: Any):
         refused(oscillators())
 
 
+@pytest.mark.slow
 def test_errors_near_a_leader_stay_below_the_bound_of_the_certificate(tmp_path: Any):
     problem = spiking(4, leader={"initial": ["1/2", "1/4"]})
     certificate, rng = certify(problem), np.random.default_rng(1)

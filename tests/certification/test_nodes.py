@@ -76,6 +76,7 @@ def test_lorenz_systems_are_held_at_the_unstable_origin_by_enough_gain(gain, ver
     assert certificate.verdict is verdict and verify(certificate, lorenz(gain)).holds
 
 
+@pytest.mark.slow
 def test_a_scalar_node_away_from_the_origin():
     """x' = x - x^3/3 + ... at xbar = 1 with u0 = -2/3: f'(1) = 0."""
     nodes = Dynamics(f=["x - x**3/3"])

@@ -9,7 +9,7 @@ from itertools import islice
 import pytest
 from fuzzing import TARGETS, Target, as_text, defect, mutants
 
-CASES = 20
+CASES = 12
 
 
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)

@@ -170,6 +170,7 @@ def test_no_run_from_the_boundary_leaves_a_proved_set():
     assert "boundary of the max-separable set" in str(found) and not found.suspects
 
 
+@pytest.mark.slow
 def test_pendulums_shrink_in_the_norm_of_the_certificate():
     """SciPy's runs of the equations written out, from 100 corners and points of the boundary."""
     n, problem = 4, agents(4, dynamics=Dynamics(f=PENDULUM, B=[[0], [1]]))

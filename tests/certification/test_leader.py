@@ -187,11 +187,15 @@ MISTAKES = {
     "leader.stays_in": {"leader": SQUARE | {"stays_in": [[-9, 9], [-9, 9]]}},
     "leader.initial": {"leader": {"initial": [1]}},
     "leader.start is an unknown key": {"leader": {"start": [0, 0]}},
-    "leader.stays_in must hold leader.initial": {"dynamics": SPIKES, "coupling": "y", "gains": 1, "leader": SQUARE | {
-        "stays_in": [[-1, 1], ["-1/2", 1]]}},
+    "leader.stays_in must hold leader.initial": {
+        "dynamics": SPIKES,
+        "coupling": "y",
+        "gains": 1,
+        "leader": SQUARE | {"stays_in": [[-1, 1], ["-1/2", 1]]},
+    },
     "formation": {"dynamics": SPIKES, "coupling": "y", "gains": 1, "offsets": {1: [1, 0]}},
     "formation.offsets.2 must be an equilibrium": {"offsets": {2: [0, 1]}},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("told", MISTAKES)
@@ -230,8 +234,9 @@ def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem:
         return np.concatenate([x_dot.ravel(), (xi @ S.T).ravel(), (eps @ (S - W @ C).T).ravel(), moved(s[None])[0]])
 
     start = [run.x[0], run.xi[0], run.xi[0] - run.xihat[0], run.leader[0]]
-    whole = solve_ivp(slope, (0, 12), np.concatenate([each.ravel() for each in start]), t_eval=run.times, rtol=1e-10,
-        atol=1e-12)  # fmt: skip
+    whole = solve_ivp(
+        slope, (0, 12), np.concatenate([each.ravel() for each in start]), t_eval=run.times, rtol=1e-10, atol=1e-12
+    )
     assert np.abs(whole.y[: 2 * n].T.reshape(-1, n, 2) - run.x).max() < 1e-7
     assert np.abs(whole.y[-2:].T - run.leader).max() < 1e-7
     many = simulate(problem, runs=2, t_final=12, samples=25, seed=3)

@@ -126,8 +126,12 @@ def _good() -> Iterator[Case]:
     for name in ("chain", "chain, listed", "chain, in rounds", "chain, by period", "chain, every mode"):
         yield _case(name, HOLDS, CHAINED, "true")
     yield _case("chain", HOLDS, moved(CHAINED, 0, 1, 0, "0.5001"), "agent 1 slower")
-    yield _case("chain", HOLDS, bent(CHAINED, phases=[phase(["0", "1"], doubles(1, 2, 4), A_ENDS),
-                CHAINED["exact"]["phases"][1]]), "doubles")  # fmt: skip
+    yield _case(
+        "chain",
+        HOLDS,
+        bent(CHAINED, phases=[phase(["0", "1"], doubles(1, 2, 4), A_ENDS), CHAINED["exact"]["phases"][1]]),
+        "doubles",
+    )
     yield _case("chain", HOLDS, bent(CHAINED, domain=box(9), rho="9"), "in a box")
     yield _case("chain, observed", HOLDS, OBSERVED, "true")
     yield _case("chain, observed", HOLDS, NEAR, "in a box")

@@ -182,11 +182,15 @@ def dynamics_cases() -> list[Case]:
         case("a slope that falls", "one falls", alike(None, **negative | {"c": "-2"}), FAILS),
         case("a kink", "kinked", alike(None, **negative) | {"domain": "consensus"}, FAILS),
         # M = [[7/2, 0], [-1, 1/2]], N = D M + M'D = [[7, -1], [-1, 1]].
-        case("gains less than what the agents do", "unstable", claim("theorem1-weighted", "global", None, ALL_ONE | {
-            "w": {"G": ["1", "2"]}}), HOLDS),
+        case(
+            "gains less than what the agents do",
+            "unstable",
+            claim("theorem1-weighted", "global", None, ALL_ONE | {"w": {"G": ["1", "2"]}}),
+            HOLDS,
+        ),
         case("reached without a pin", "calm", None, FAILS, ("reachability", {"verdict": "proved", "witness": GONE})),
         case("without a pin", "calm", None, HOLDS),
-    ]  # fmt: skip
+    ]
     box = {"kind": "box", "radius": 1, "disturbance": 0}
     rows = claim("max-separable", box, 0.25, {"v": ["1", "1"], "alpha": "1/4", "rho": "1"})
     found.append(case("rows do not know what is left of f", "bent", rows, FAILS))
@@ -223,8 +227,16 @@ def _coordinates() -> list[Case]:
 
     nothing, error = [["0", "0"]] * 3, {"P": [["1/4"]], "beta": "2", "kappa": "1/4", "size": "1/4"}
     free = [{"coupling": 0, "gains": [[["0", "1"], *nothing[:2]], [nothing[0], ["0", "1"], nothing[0]], nothing]}]
-    many = [{"coupling": 0, "gains": [[["0", "1"], *[["0", "1/99"]] * 2], [["0", "1/99"], ["0", "1"], ["0", "1/99"]],
-        [["0", "1/99"], *nothing[:2]]]}]  # fmt: skip
+    many = [
+        {
+            "coupling": 0,
+            "gains": [
+                [["0", "1"], *[["0", "1/99"]] * 2],
+                [["0", "1/99"], ["0", "1"], ["0", "1/99"]],
+                [["0", "1/99"], *nothing[:2]],
+            ],
+        }
+    ]
     unit = [["1" if a == b else "0" for b in range(3)] for a in range(3)]
     found = {
         "drag": [
@@ -287,15 +299,19 @@ def _coordinates() -> list[Case]:
             ("gains that hold nearer only", mixed(rho="1/7"), FAILS),
             ("no coordinates", claim("max-separable", box(1), 1, {"v": ["1"], "alpha": "1", "rho": "1"}), FAILS),
         ],
-    }  # fmt: skip
+    }
     return [case(name, problem, check, code) for problem, some in found.items() for name, check, code in some]
 
 
 def _held() -> list[Case]:
     """What would be true of integrators: values that are held, gains that are wrong by a part.  2 hears 1, k = 5/2,
     A = 1/2: the rows hold for v = (1, 2) and alpha = 1/4, and so would those of a period of 1/4."""
-    plain = case("rows", "unstable", claim("max-separable", "global", 0.25, {"v": ["1", "4"], "alpha": "1/4",
-        "rho": None}), HOLDS)  # fmt: skip
+    plain = case(
+        "rows",
+        "unstable",
+        claim("max-separable", "global", 0.25, {"v": ["1", "4"], "alpha": "1/4", "rho": None}),
+        HOLDS,
+    )
     found = [plain]
     for more in (
         claim("delay", "global", 0.125, {"delay": "1/8", "rate": "1/8"}),
@@ -327,8 +343,12 @@ def _led() -> list[Case]:
         case("a wider region of errors", "led", cubic(radius="2", level="4"), FAILS),
         case("everywhere", "led", cubic(radius=None, level=None) | {"domain": "global"}, FAILS),
         case("by hand", "led near", cubic(), HOLDS),
-        case("rows", "led, unstable", claim("max-separable", "global", 0.25, {"v": ["1", "4"], "alpha": "1/4",
-            "rho": None}), HOLDS),
+        case(
+            "rows",
+            "led, unstable",
+            claim("max-separable", "global", 0.25, {"v": ["1", "4"], "alpha": "1/4", "rho": None}),
+            HOLDS,
+        ),
         case("an equilibrium", "second, still", second_box(), HOLDS),
         case("an equilibrium", "second, led", second_box(), FAILS),
         case("the leader may start there", "pushed off", None, HOLDS),
@@ -339,7 +359,7 @@ def _led() -> list[Case]:
         case("at one point", "led", claim("linearisation", "consensus", 0.5, None), FAILS),
         case("at one point", "led", claim("theorem1-weighted", "consensus", None, ALL_ONE | {"w": {"G": V}}), FAILS),
         case("at one point", "led", cubic(), FAILS, ("lemma1", {"verdict": "proved", "margin": 0.1, "reason": ""})),
-    ]  # fmt: skip
+    ]
     late = json.loads(found[6].certificate)
     late["checks"].append(claim("delay", "global", 0.125, {"delay": "1/8", "rate": "1/8"}))
     found.append(Case("led, unstable: late", json.dumps(late).encode(), found[6].problem, FAILS))

@@ -111,19 +111,25 @@ def weighted_cases() -> list[Case]:
         ("for several modes", weighted(id="theorem2-weighted"), FAILS),
     ]
     found = [case(name, "line", check, code) for name, check, code in lines]
-    found += [case(name, "two modes", weighted(**second | more), code) for name, more, code in (
-        ("by hand", {}, HOLDS),
-        ("one mode is missing", {"w": {"A": V}}, FAILS),
-        ("fails in the second mode", {"w": {"A": V, "B": ["1", "4"]}}, FAILS),
-        ("for one mode", {"id": "theorem1-weighted"}, FAILS),
-    )]  # fmt: skip
-    found += [case(name, "seen", SEEN | {"exact": SEEN["exact"] | more}, code) for name, more, code in (
-        ("by hand", {}, HOLDS),
-        ("weights too large for the observer", {"D": ["3/2", "3/8"]}, FAILS),
-        ("a small P", {"P": [["1/3"]]}, FAILS),  # S = 1
-        ("a negative P", {"P": [["-1"]]}, FAILS),
-        ("a P of another size", {"P": [["1", "0"], ["0", "1"]]}, FAILS),
-    )]  # fmt: skip
+    found += [
+        case(name, "two modes", weighted(**second | more), code)
+        for name, more, code in (
+            ("by hand", {}, HOLDS),
+            ("one mode is missing", {"w": {"A": V}}, FAILS),
+            ("fails in the second mode", {"w": {"A": V, "B": ["1", "4"]}}, FAILS),
+            ("for one mode", {"id": "theorem1-weighted"}, FAILS),
+        )
+    ]
+    found += [
+        case(name, "seen", SEEN | {"exact": SEEN["exact"] | more}, code)
+        for name, more, code in (
+            ("by hand", {}, HOLDS),
+            ("weights too large for the observer", {"D": ["3/2", "3/8"]}, FAILS),
+            ("a small P", {"P": [["1/3"]]}, FAILS),  # S = 1
+            ("a negative P", {"P": [["-1"]]}, FAILS),
+            ("a P of another size", {"P": [["1", "0"], ["0", "1"]]}, FAILS),
+        )
+    ]
     found += [
         case("the rate of the observer", "seen", SEEN | {"rate": 2}, FAILS),
         case("the paper's P", "harmonic", weighted(None, D=["1", "1/4"], P=PAPER), HOLDS),
@@ -135,26 +141,29 @@ def weighted_cases() -> list[Case]:
         case("a falling slope", "falling", weighted(None, D=["1", "1"], w={"G": ["1", "1"]}), FAILS),
         case("a kink", "kinked", weighted(D=["1", "1"], w={"G": ["1", "1"]}) | {"domain": "consensus"}, FAILS),
     ]
-    found += [case(name, problem, check, code) for name, problem, check, code in (
-        ("proved", "falling", straight(), HOLDS),
-        ("no rate", "falling", straight(rate=None), HOLDS),
-        ("the rate of an eigenvalue", "falling", straight(rate=1), FAILS),
-        ("a rate below 0", "falling", straight(rate=-1), FAILS),
-        ("a margin", "falling", straight(margin=1), FAILS),
-        ("a witness", "falling", straight(witness={"kind": "vector"}), FAILS),
-        ("exact values", "falling", straight(exact={"unstable_roots": "0"}), FAILS),
-        ("refuted, and stable", "falling", straight("refuted", None, {"unstable_roots": "1"}), FAILS),
-        ("several modes", "two modes", straight(), FAILS),
-        ("with the observer", "seen", straight(), HOLDS),
-        ("faster than the observer", "slow", straight(), FAILS),
-        ("as slow as the observer", "slow", straight(rate=0.4), HOLDS),
-        ("a kink", "kinked", straight() | {"domain": "consensus"}, FAILS),
-        ("irrational slopes", "irrational", straight(), FAILS),
-        ("proved, and unstable", "unstable", straight(rate=None), FAILS),
-        ("refuted", "unstable", straight("refuted", None, {"unstable_roots": "1"}), HOLDS),
-        ("two roots", "unstable", straight("refuted", None, {"unstable_roots": "2"}), FAILS),
-        ("no root", "unstable", straight("refuted", None, {"unstable_roots": "0"}), FAILS),
-        ("half a root", "unstable", straight("refuted", None, {"unstable_roots": "1/2"}), FAILS),
-        ("refuted at a rate", "unstable", straight("refuted", 1, {"unstable_roots": "1"}), FAILS),
-    )]  # fmt: skip
+    found += [
+        case(name, problem, check, code)
+        for name, problem, check, code in (
+            ("proved", "falling", straight(), HOLDS),
+            ("no rate", "falling", straight(rate=None), HOLDS),
+            ("the rate of an eigenvalue", "falling", straight(rate=1), FAILS),
+            ("a rate below 0", "falling", straight(rate=-1), FAILS),
+            ("a margin", "falling", straight(margin=1), FAILS),
+            ("a witness", "falling", straight(witness={"kind": "vector"}), FAILS),
+            ("exact values", "falling", straight(exact={"unstable_roots": "0"}), FAILS),
+            ("refuted, and stable", "falling", straight("refuted", None, {"unstable_roots": "1"}), FAILS),
+            ("several modes", "two modes", straight(), FAILS),
+            ("with the observer", "seen", straight(), HOLDS),
+            ("faster than the observer", "slow", straight(), FAILS),
+            ("as slow as the observer", "slow", straight(rate=0.4), HOLDS),
+            ("a kink", "kinked", straight() | {"domain": "consensus"}, FAILS),
+            ("irrational slopes", "irrational", straight(), FAILS),
+            ("proved, and unstable", "unstable", straight(rate=None), FAILS),
+            ("refuted", "unstable", straight("refuted", None, {"unstable_roots": "1"}), HOLDS),
+            ("two roots", "unstable", straight("refuted", None, {"unstable_roots": "2"}), FAILS),
+            ("no root", "unstable", straight("refuted", None, {"unstable_roots": "0"}), FAILS),
+            ("half a root", "unstable", straight("refuted", None, {"unstable_roots": "1/2"}), FAILS),
+            ("refuted at a rate", "unstable", straight("refuted", 1, {"unstable_roots": "1"}), FAILS),
+        )
+    ]
     return found

@@ -37,7 +37,7 @@ _CLOSE = Fraction(1, 1000)
 _UNSURE, _NEAR = Fraction(1, 10**12), Fraction(1, 10**9)
 _MANY_ARCS = 100  # from which on slopes are bounded once on every part of the box
 _ZERO = Fraction(0)
-LEADER_GOES_ON = "does not apply: while a message is late the leader goes on, so that errors are not all that it tells."
+LEADER_GOES_ON = "does not apply: the leader moves while a message is late, and the proof does not bound that motion."
 
 
 def verify_delay(problem: Problem, claim: Separable, bound: DelayBound) -> SeparableAnswer:

@@ -12,7 +12,6 @@ from dobc_design.certificate import text
 from dobc_design.checker import quadratic, reading
 from dobc_design.cli.main import main
 from dobc_design.conditions import numbers
-from dobc_design.conditions.boxes import stage
 from dobc_design.coupling import expression, parser, tree
 from dobc_design.exact import number
 from dobc_design.problem import arcs_file, load
@@ -227,10 +226,6 @@ LIMITS = [
     (FORMAT, "with at most {} characters", numbers.LONGEST),
     (FORMAT, "with at most {} characters", reading.MAX_DIGITS),
     (FORMAT, "certificates of up to {} rows", quadratic.ROWS),
-    (FORMAT, "trees of up to {} characters", quadratic.LETTERS),
-    (FORMAT, "at most {} more times", quadratic.FURTHER),
-    (FORMAT, "at most {} additional boxes", quadratic.PIECES),
-    ("docs/comparison.md", "into at most {} boxes", stage.MOST_BOXES),
 ]
 
 

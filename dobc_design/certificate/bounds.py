@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
-from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.numbers import claimed
@@ -147,12 +146,11 @@ def envelope_of(problem: Problem, check: Check, claim: Claim | None, starts: Sta
         return Envelope(id=check.id, height=first * claim.reach, rate=composite_rate(claim))
     if isinstance(claim, Cycles) and claim.rate is not None:
         return _bound_of_weights(problem, claim, radius, disturbance)
-    if isinstance(claim, Lure | Shell):
-        lure, level = (claim.lure, claim.outer) if isinstance(claim, Shell) else (claim, claim.level)
-        first = eigenvalue_bound(lure.P_e) * radius**2 + _errors(problem, lure.P, disturbance)
-        if level is not None and isinstance(domain, Mapping):  # the level is a bound as well
-            first = min(first, level)
-        return Envelope(id=check.id, height=_root(first * tallest(lure.P_e)), rate=lure.rate)
+    if isinstance(claim, Lure):
+        first = eigenvalue_bound(claim.P_e) * radius**2 + _errors(problem, claim.P, disturbance)
+        if claim.level is not None and isinstance(domain, Mapping):  # the level is a bound as well
+            first = min(first, claim.level)
+        return Envelope(id=check.id, height=_root(first * tallest(claim.P_e)), rate=claim.rate)
     if isinstance(claim, PairFacts) and check.rate is not None:  # V = e'e + sum eps_i'P eps_i of Theorems 1 and 2
         first = radius**2 + _errors(problem, claim.pair.P, disturbance)
         return Envelope(id=check.id, height=_root(first), rate=claimed(check.rate))

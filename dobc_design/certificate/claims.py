@@ -13,7 +13,6 @@ from typing import Final
 
 from dobc_design._show.text import visible
 from dobc_design.conditions.accuracy import decide as accuracy
-from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, Claim, Values
 from dobc_design.conditions.consensus import claim as consensus
 from dobc_design.conditions.equilibrium import decide as equilibrium
@@ -65,7 +64,6 @@ READERS: Final[dict[str, Callable[[Check, Problem, Matrix | None], Claim | None]
     "margins": margins.read_claim,
     "weighted": weighted.read_claim,
     "quadratic": quadratic.read_claim,
-    "boxes": boxes.read_claim,
     "schedule": schedule.read_claim,
     "equilibrium": equilibrium.read_claim,
     "accuracy": accuracy.read_claim,

@@ -21,7 +21,6 @@ from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import Recheck, agreed, verify_twice
 from dobc_design.conditions.accuracy.stage import accuracy_stage
-from dobc_design.conditions.boxes.stage import exhaustive_stage
 from dobc_design.conditions.check import Check, surviving, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus import propose as estimates
@@ -62,7 +61,6 @@ DOUBT = 1e-9  # an estimate of lambda_max above minus this calls for a witness
 STAGES: tuple[Callable[[Asked, Progress], list[Check]], ...] = (
     separable_stage,
     quadratic_stage,
-    exhaustive_stage,
     schedule_stage,
     markov_stage,
 )

@@ -15,7 +15,6 @@ from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.overall import decide_overall
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.accuracy import decide as accuracy
-from dobc_design.conditions.boxes import decide as boxes
 from dobc_design.conditions.check import Check, same_witness, withdrawn
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
@@ -42,7 +41,6 @@ LONE_ARCS, LONE_ROWS = 100_000, 50_000
 #: How a proof or refutation is confirmed that is about a region and rests on no other check.
 REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
     "quadratic": quadratic.confirm,
-    "boxes": boxes.confirm,
     "schedule": schedule.confirm,
     "equilibrium": equilibrium.confirm,
     "accuracy": accuracy.confirm,

@@ -13,7 +13,7 @@ from .files import Certificate, Problem
 from .graphs import markov, may_stay, safety
 from .margins import actuators, tolerance
 from .matrices import product, stable
-from .quadratic import exhaustive, lure
+from .quadratic import lure
 from .reading import MAX_BYTES, Refused, need, rational
 from .schedule import settling
 from .separable import delay, equilibrium, sampling
@@ -30,7 +30,6 @@ REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
     "actuators": actuators,
     "equilibrium": equilibrium,
     "lure": lure,
-    "exhaustive": exhaustive,
     "schedule": schedule,
     "markov": markov,
     "safety": safety,
@@ -142,7 +141,7 @@ def covers(case: Certificate, check: Any) -> bool:
     if check.id in (*local, case.theorem + "-weighted", "linearisation"):
         return p.region is None or p.domain == "global"
     safe = check.id == "safety" and check.rate is not None
-    if not safe and check.id not in ("max-separable", "lure", "exhaustive", "schedule", "markov"):
+    if not safe and check.id not in ("max-separable", "lure", "schedule", "markov"):
         return False
     if type(domain) is str:
         return bool(domain == "global")

@@ -1,7 +1,4 @@
-"""lure and exhaustive: V = e'P_e e + sum eps_i'P eps_i decreases.
-
-lure: where the gains of all arcs are inside their ranges. exhaustive: farther out as well, in every box of a tree.
-"""
+"""lure: V = e'P_e e + sum eps_i'P eps_i decreases where the gains of all arcs are inside their ranges."""
 
 import ast
 import itertools
@@ -9,21 +6,17 @@ import re
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from .consensus import schur
 from .expressions import Coupling, read_coupling, variables
 from .files import Certificate, Problem
-from .intervals import NOTHING, Floats, added, dot, enclosed, negative, times, total
+from .intervals import NOTHING, Floats, added, enclosed, times
 from .matrices import ZERO, Matrix, definite, diagonal, identity, largest, nonnegative, plus, product, transpose
-from .reading import MATRIX_BITS, Refused, an_object, index, integer, matrix, maybe, need, rational, read, short, text
+from .reading import MATRIX_BITS, an_object, index, integer, matrix, maybe, need, rational, read, short, text
 from .separable import CELLS, Curve, below, follow, starts, throughout
 
-ROWS, COMPONENTS = 100, 6  # of a quadratic certificate, of a tree of boxes at most
-LETTERS = 100_000  # of a tree at most: twice as many as it leaves boxes
-HALVINGS, FURTHER, PIECES = 30, 12, 20_000  # of a component; of a box that is not shown, and of all such boxes
-TWO = (2.0, 2.0)
-Box = tuple[tuple[float, ...], tuple[float, ...]]  # the lower and the upper ends
+ROWS = 100  # of a quadratic certificate at most
 Ranges = dict[Coupling, Any]  # the gains [lo, hi] of a coupling, m x m of them
 
 
@@ -275,141 +268,3 @@ def inequalities(p: Problem, claim: Any, gains: Any, multipliers: Any, costs: Ma
             corner[b][other], corner[b][own] = corner[b][other] + sign * D, corner[b][own] - sign * D
         half = plus(product(P_e, [row[:size] for row in corner]), claim.rate, P_e)
         yield plus(plus(half, 1, transpose(half)), 1, quadratic)
-
-
-# --- exhaustive -------------------------------------------------------------------------------------------------------
-def exhaustive(case: Certificate, check: Any) -> None:
-    """V decreases in every box that meets the ring between the level and the outer level."""
-    p, size = case.problem, case.problem.n * case.problem.m
-    need(size <= COMPONENTS, f"boxes are followed for up to {COMPONENTS} components")
-    need(not p.loose, "boxes are not followed where arcs come and go")
-    claim = read_quadratic(case, check.exact, check.rate, {"outer": rational, "half": rational, "tree": text})
-    half, costs = claim.half, noise(case, claim)
-    need(claim.level is not None and claim.outer >= claim.level, "there is no level, or the outer one is below it")
-    holds_ball(case, check.domain, claim, claim.outer)
-    need(0 < half < 2**200, "half is not positive, or leaves the range of numbers followed here")
-    odd, binary = half.numerator // (half.numerator & -half.numerator), half.denominator & (half.denominator - 1) == 0
-    need(odd.bit_length() <= 20 and binary, "half is no integer of 20 bits times a power of 2")
-    need(all(inside(claim.P_e, z, claim.outer, half) for z in identity(size)), "the outer level set leaves the box")
-
-    fields, left = [field(p, mode, claim, costs) for mode in p.modes], PIECES
-    for box in leaves(claim.tree, ((-float(half),) * size, (float(half),) * size)):
-        left -= pieces(fields, box, enclosed(claim.level)[0], enclosed(claim.outer)[1])
-        need(left > 0, "too many boxes have to be cut further")
-
-
-# --- boxes
-def halves(box: Box, k: int) -> tuple[Box, Box]:
-    """Both halves across component k. The number between is rounded, so that together they are the box."""
-    lo, hi = box
-    middle = (lo[k] + hi[k]) / 2
-    return (lo, (*hi[:k], middle, *hi[k + 1 :])), ((*lo[:k], middle, *lo[k + 1 :]), hi)
-
-
-def leaves(tree: str, root: Box) -> list[Box]:
-    """The boxes that a tree leaves, by its letters, depth by depth."""
-    need(len(tree) <= LETTERS, f"trees of at most {LETTERS} letters are followed")
-    size, found, boxes, letters = len(root[0]), list[Box](), [root], iter(tree)
-    least = (root[1][0] - root[0][0]) / 2**HALVINGS
-    while boxes:
-        deeper: list[Box] = []
-        for box in boxes:
-            letter = next(letters, "")
-            if letter == ".":
-                found.append(box)
-            else:
-                k = "012345"[:size].find(letter) if letter else -1
-                need(k >= 0, "the tree ends too early, or holds a letter that is no component")
-                need(box[1][k] - box[0][k] > least, f"a component is halved more than {HALVINGS} times")
-                deeper += halves(box, k)
-        boxes = deeper
-    need(next(letters, "") == "", "the tree goes on after its last box")
-    return found
-
-
-def middle_and_steps(box: Box) -> tuple[Box, list[Floats]]:
-    """A point near the middle, as a box, and the differences to it."""
-    middle = tuple((lo + hi) / 2 for lo, hi in zip(*box, strict=True))
-    return (middle, middle), [added(side, (-x, -x)) for side, x in zip(zip(*box, strict=True), middle, strict=True)]
-
-
-# --- phi
-class Field(NamedTuple):
-    """phi in one mode: M and P_e, and the arcs a (listens to) b with their couplings and weights."""
-
-    M: list[list[Floats]]
-    P: list[list[Floats]]
-    arcs: list[tuple[Curve, Floats, int, int]]
-
-    def at(self, box: Box) -> tuple[Floats, list[Floats]]:
-        """phi on a box, and half its slopes there (Clarke's at a kink)."""
-        e = list(zip(*box, strict=True))
-        F, J = [NOTHING] * len(e), [[NOTHING] * len(e) for _ in e]
-        for curve, w, a, b in self.arcs:
-            value, slope = (times(w, x) for x in curve.at(added(e[b], negative(e[a]))))
-            F[a], J[a][b], J[a][a] = added(F[a], value), added(J[a][b], slope), added(J[a][a], negative(slope))
-        Pe, Me, PF = ([dot(row, x) for row in X] for X, x in ((self.P, e), (self.M, e), (self.P, F)))
-        JPe = [dot(column, Pe) for column in zip(*J, strict=True)]
-        phi = added(dot(e, Me), times(TWO, dot(Pe, F)))
-        return phi, [total(parts) for parts in zip(Me, PF, JPe, strict=True)]
-
-    def falls(self, box: Box) -> bool:
-        """True only if phi < 0 on the box: phi in the middle, plus half widths times slopes."""
-        middle, steps = middle_and_steps(box)
-        (phi, _), (_, slopes) = self.at(middle), self.at(box)
-        return added(phi, times(TWO, dot(slopes, steps)))[1] < 0
-
-
-def field(p: Problem, mode: str, claim: Any, costs: Matrix) -> Field:
-    """phi(e) = e'M e + sum over arcs and c of 2 w (P_e e)_ic h(e_jc - e_ic), enclosed."""
-    P_e, m = claim.P_e, p.m
-    half = plus(product(P_e, p.gain_matrix()), -claim.rate, P_e)
-    M = plus(product(product(P_e, costs), P_e), -1, plus(half, 1, transpose(half)))
-    pairs = [(arc, arc.i * m + c, arc.j * m + c) for arc in p.modes[mode] for c in range(m)]
-    arcs = [(Curve(arc.coupling, False), enclosed(arc.w), a, b) for arc, a, b in pairs]
-    first, second = ([[enclosed(x) for x in row] for row in X] for X in (M, P_e))
-    return Field(first, second, arcs)
-
-
-# --- every box
-def pieces(fields: list[Field], whole: Box, level: float, outer: float) -> int:
-    """V is shown to decrease in a box, cut further where that is needed: into how many pieces more."""
-    left, cuts = [(whole, FURTHER)], 0
-    while left:
-        box, halvings = left.pop()
-        if not settled(fields, box, level, outer):
-            need(halvings > 0, "V is not shown to decrease in a box")
-            widths = [hi - lo for lo, hi in zip(*box, strict=True)]
-            left += [(part, halvings - 1) for part in halves(box, widths.index(max(widths)))]
-            cuts += 1
-    return cuts
-
-
-def settled(fields: list[Field], box: Box, level: float, outer: float) -> bool:
-    """True only if the box lies in {e'P_e e <= level} or beyond the outer level, or phi < 0 on it in every mode."""
-    P = fields[0].P
-    try:
-        return within(P, box, level) or beyond(P, box, outer) or all(each.falls(box) for each in fields)
-    except Refused:
-        return False  # a coupling is not defined on all of it, perhaps on its parts
-
-
-def beyond(P: list[list[Floats]], box: Box, level: float) -> bool:
-    """True only if e'P_e e >= level on the box: it is convex, so it lies above its tangent at any point. The point
-    where it is least is a good one; rounding errors in finding it do no harm."""
-    e = [max(lo, min(0.0, hi)) for lo, hi in zip(*box, strict=True)]
-    for k in [*range(len(e))] * 8:
-        rest = sum(P[k][j][0] * x for j, x in enumerate(e) if j != k)
-        e[k] = max(box[0][k], min(-rest / P[k][k][0], box[1][k]))
-    at = [(x, x) for x in e]
-    Pe = [dot(row, at) for row in P]
-    steps = [added(side, (-x, -x)) for side, x in zip(zip(*box, strict=True), e, strict=True)]
-    return added(dot(at, Pe), times(TWO, dot(Pe, steps)))[0] >= level
-
-
-def within(P: list[list[Floats]], box: Box, level: float) -> bool:
-    """True only if e'P_e e <= level on the box: the value in the middle, slopes there, and squares."""
-    point, steps = middle_and_steps(box)
-    middle = list(zip(*point, strict=True))
-    slopes = [added(times(TWO, dot(row, middle)), dot(row, steps)) for row in P]
-    return added(dot(middle, [dot(row, middle) for row in P]), dot(slopes, steps))[1] <= level

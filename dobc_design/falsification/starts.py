@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import claim_of
-from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.kinds import ids_of
@@ -37,7 +36,7 @@ from dobc_design.verdict import Verdict
 
 Pair = tuple[Array, Array]
 BoolArray = NDArray[np.bool_]
-Certified = Separable | Lure | Shell | Check
+Certified = Separable | Lure | Check
 
 RANDOM, CORNERS, EDGES = "random", "corners", "edges"
 EVERYWHERE = 1.0  # the level that stands for a certificate that holds everywhere
@@ -143,8 +142,6 @@ def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) ->
     cure = "Give the certificate of this very problem."
     if isinstance(certified, Check):
         certified = _claim_of(problem, certified, W)
-    if isinstance(certified, Shell):
-        certified = certified.whole
     if isinstance(certified, Separable):
         T, count = None if certified.T is None else to_float(certified.T), problem.n * len(certified.T or (1,))
         if len(certified.v) != count:
@@ -162,7 +159,7 @@ def level_of(problem: Problem, certified: Certified, W: Matrix | None = None) ->
     return Ellipsoid(name="lure", rate=float(certified.rate), P_e=to_float(certified.P_e.to_dense()) / size, P=P)
 
 
-def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Lure | Shell:
+def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | Lure:
     """What a proved check of a region claims."""
     known = ids_of("region")
     if check.verdict is not Verdict.PROVED or check.id not in known or check.claim is None:
@@ -173,7 +170,7 @@ def _claim_of(problem: Problem, check: Check, W: Matrix | None) -> Separable | L
     except (KeyError, TypeError, ValueError) as error:
         message = f"certified: the check {check.title} does not fit this problem ({error})."
         raise SpecError(message, key="certified", cure="Give the certificate of this very problem.") from error
-    if not isinstance(claim, Separable | Lure | Shell):
+    if not isinstance(claim, Separable | Lure):
         raise SpecError(f"certified: the check {check.title} names no set of starts.", key="certified")
     return claim
 

@@ -14,7 +14,6 @@ import pytest
 from dobc_design import Certificate, Exosystem, Network, Observer, Problem, Region, Verdict
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.regions import RegionClaim, Regions
-from dobc_design.conditions.boxes.decide import Shell
 from dobc_design.conditions.check import Check, Values, Witness
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
@@ -122,16 +121,6 @@ def test_the_time_of_a_ball_takes_the_softest_direction_of_its_weights():
     assert 2 * math.exp(-claim.time) <= 0.01
     assert 2 * math.exp(-(claim.time - 0.02)) > 0.01
     assert claim.variant == "P_e diagonal"
-
-
-def test_the_time_of_an_exhaustive_proof_starts_at_its_ball():
-    """V = e'e <= 1 in the ball, though V <= 4 is invariant: |e| <= exp(-t), which is 0.01 after ln(100) s."""
-    inner = lure(radius=1.0, P_e=[[0, 0, "1"], [1, 1, "1"]])
-    shell = Shell(lure=inner.claim, outer=Fraction(4), half=Fraction(2), tree=".")
-    outer = dataclasses.replace(inner, id="exhaustive", claim=shell)
-    claim = only(regions(chain(), outer))
-    assert claim.time is not None
-    assert math.exp(-claim.time) <= 0.01 < math.exp(-(claim.time - 0.01))
 
 
 def test_times_of_all_methods_are_about_one_tolerance():

@@ -143,7 +143,7 @@ def test_work_beyond_an_account_is_refused_and_without_one_nothing_is_counted():
 def test_a_stage_without_work_left_is_undecided_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     """Every region stage opens an account of its own; Lemma 1 needs none."""
     problem = loaded(tmp_path, problem_text())
-    for stage in ("separable", "quadratic", "boxes"):
+    for stage in ("separable", "quadratic"):
         monkeypatch.setattr(f"dobc_design.conditions.{stage}.stage.STAGE", 5)
     certificate = dd.certify(problem, everything=True)
     cut = {check.id for check in certificate.checks if "cut off after" in check.reason}

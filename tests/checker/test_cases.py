@@ -21,7 +21,7 @@ from weighted_cases import problems, weighted_cases
 COUNTS: dict[Callable[[], list[Case]], tuple[int, int, int]] = {
     cases: (26, 26, 26),
     region_cases: (26, 101, 0),
-    quadratic_cases: (7, 31, 0),
+    quadratic_cases: (6, 13, 0),
     tube_cases: (14, 101, 0),
     cycles_cases: (18, 81, 0),
     graphs_cases: (20, 101, 0),
@@ -61,7 +61,7 @@ FEW = (
     ("consensus", "not case.problem.kinked"),
     ("separable", "left >= 0"),
     ("separable", "exact.delay >= 0"),
-    ("quadratic", "claim.outer >= claim.level"),
+    ("quadratic", "claim.level > 0 and claim.radius > 0"),
 )
 REMOVED = [
     *(each for file in ("cycles", "graphs", "coordinates") for each in removals(file) if each.text not in EQUIVALENT),

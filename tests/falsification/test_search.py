@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from equilibrium_cases import half_difference, listening_pair
 from lure_cases import cycle as lure_cycle
-from lure_cases import field, identity, is_proved
+from lure_cases import field, is_proved
 from scipy.integrate import solve_ivp
 from separable_problems import cycle, random_problem
 
 import dobc_design as dd
 from dobc_design import Problem, Verdict
-from dobc_design.conditions.boxes.decide import Shell
-from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.propose import design_lure, raise_rate
 from dobc_design.conditions.separable.claim import Separable, separable_from_json
 from dobc_design.conditions.separable.decide import largest_rate
@@ -165,15 +163,6 @@ def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refus
     other = dd.certify(cycle(3, h="tanh(y)", region={"initial_states": [-1, 1]}))
     with pytest.raises(SpecError, match="must have 2 weights v"):
         dd.falsify(problem, certified=other)
-
-
-def test_a_set_counted_out_in_boxes_is_searched_to_its_outer_level():
-    """The outer level of the shell, not that of the ellipsoid within."""
-    lure = Lure(P_e=identity(2), ranges=(), radius=F(1), level=F(1, 4), rate=F(1, 8))
-    shell = Shell(lure=lure, outer=F(4), half=F(4), tree=".")
-    level = level_of(listening_pair(), shell)
-    assert level.value(np.array([[2.0], [0.0]]), np.zeros((2, 0, 1))).tolist() == [1.0]
-    assert level.rate == 0.125
 
 
 def test_the_ascent_leaves_the_basin_from_a_start_that_converges():

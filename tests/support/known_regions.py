@@ -18,7 +18,7 @@ from scipy import optimize
 
 from dobc_design import Network, Problem, Verdict, certify
 
-REGIONAL = ("max-separable", "lure", "exhaustive")
+REGIONAL = ("max-separable", "lure")
 FAR = 40.0
 # text and function for a length c: each has other zeros than 0, or falls so far that two pinned agents find a balance
 SHAPES = (

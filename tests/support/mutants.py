@@ -6,7 +6,7 @@ from random import Random
 from typing import Any
 
 NAMES = """proved refuted undecided global consensus lemma1 theorem1 theorem2 theorem1-printed theorem2-printed hurwitz
-observability detectability reachability lure max-separable exhaustive ball interval vertices vector agents Lambda P
+observability detectability reachability lure max-separable ball interval vertices vector agents Lambda P
 Omega0 given designed G0 G1 NaN Infinity"""
 WORDS = (*NAMES.split(), "", "0", "1", "-1")
 FIELDS = ("evidence", "extra", "margin", "rate", "exact", "witness", "mode", "labels", "bound")

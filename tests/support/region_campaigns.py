@@ -73,7 +73,7 @@ def region_mutant_campaign(seeds: Iterable[int], *, each: int) -> Tally:
     tally = Tally()
     for seed in seeds:
         problem = region_problem(seed)
-        certificate = certify(problem, everything=seed % 4 == 3)  # of two agents the exhaustive proof too
+        certificate = certify(problem, everything=seed % 4 == 3)
         document, oracle = json.loads(certificate_bytes(certificate.claims)), Oracle(problem)
         if not any(check["id"] in IDS and check["verdict"] != "undecided" for check in document["checks"]):
             tally.counts["nothing to change"] += each

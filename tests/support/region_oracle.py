@@ -17,8 +17,8 @@ from region_quadratic import Quadratic
 from region_settling import false_settling
 from scipy import optimize
 
-IDS = ("max-separable", "delay", "sampling", "lure", "exhaustive", "settling", "equilibrium", "tolerance", "actuators")
-COVERING = ("max-separable", "lure", "exhaustive")
+IDS = ("max-separable", "delay", "sampling", "lure", "settling", "equilibrium", "tolerance", "actuators")
+COVERING = ("max-separable", "lure")
 SIZES = np.unique(
     np.concatenate([np.geomspace(1e-5, 1, 40), np.linspace(0.01, 1, 100), 1 - np.geomspace(1e-6, 0.1, 12)])
 )
@@ -97,7 +97,7 @@ class Regions:
             return self._stuck(check) if id == "max-separable" else ["nothing refutes this"]
         if check.get("witness") is not None or not self._domain_is_one(check["domain"]):
             return ["witness or domain"]
-        if id in ("lure", "exhaustive"):
+        if id == "lure":
             return Quadratic(self, check["exact"]).false(check, domain)
         if not self.by_component:
             return ["no rows"]

@@ -1,4 +1,4 @@
-"""The oracle's part for the quadratic checks, lure and exhaustive: the page's conditions and samples of the field.
+"""The oracle's part for the quadratic check, lure: the page's conditions and samples of the field.
 
 Matrix inequalities are decided over flint's rationals, gains at the extremes of h(y)/y, and V' is looked at besides at
 random points of the level set: the page itself is tested with it.
@@ -15,7 +15,6 @@ from region_curves import FINE, curve, diagonal, exact, field_part, fmpq, mp, po
 
 POINTS = 2000
 NEAR = 1e-9
-MOST_CUTS = 30
 
 
 def zeros(size: int) -> Any:
@@ -46,11 +45,6 @@ class Quadratic:
         rate, level = check["rate"], self.level
         if rate is not None and not 0 < Fraction(repr(rate)) <= self.rate:
             return ["rate"]
-        if check["id"] == "exhaustive":
-            wrong = self._false_shell()
-            if wrong:
-                return wrong
-            level = exact(self.e["outer"])
         if check["domain"] == "global":
             return [] if level is None else ["domain"]
         if level is None or check["domain"]["kind"] != "ball":
@@ -231,80 +225,6 @@ class Quadratic:
             if np.any(change + terms + 2 * float(self.rate) * wanted * ok > NEAR * (np.abs(change) + np.abs(terms))):
                 return True
         return False
-
-    def _false_shell(self) -> list[str]:
-        outer, half, n = exact(self.e["outer"]), exact(self.e["half"]), self.size
-        if n > 6 or self.level is None or outer < self.level or half <= 0 or not self.r.by_component:
-            return ["outer, half"]
-        inverse = self.P_e.inv()
-        if any(fmpq(outer) * inverse[k, k] > fmpq(half**2) for k in range(n)):
-            return ["half"]
-        middles = _boxes(self.e["tree"], n)
-        if middles is None:
-            return ["tree"]
-        return ["phi"] if self._shell_grows(middles * float(half), outer) or self._grows(outer, self.level) else []
-
-    def _shell_grows(self, middles: Any, outer: Fraction) -> bool:
-        """phi >= 0 at the middle of a box that lies in the shell: eps at its worst, through S."""
-        base, P_e = in_floats(self._base()), in_floats(self.P_e)
-        V = np.einsum("ap,ab,bp->p", middles, P_e, middles)
-        e = middles[:, (float(self.level or 0) <= V) & (float(outer) >= V)]
-        rng = np.random.default_rng(1)
-        e = np.concatenate([e, _onto(rng.normal(size=(self.size, POINTS)), P_e, self.level, outer, rng)], axis=1)
-        for mode in self.r.modes:
-            best, step = e, 0.1
-            for _ in range(40):  # around the worst, ever closer
-                worst = best[:, np.argsort(self._phi(mode, best, base, P_e))[-20:]]
-                moved = worst[..., None] * (1 + step * rng.normal(size=(*worst.shape, 10)))
-                best = np.concatenate([worst, _within(moved.reshape(self.size, -1), P_e, self.level, outer)], axis=1)
-                step *= 0.7
-            if not np.max(self._phi(mode, np.concatenate([best, e], axis=1), base, P_e)) < 0:
-                return True
-        return False
-
-    def _phi(self, mode: str, e: Any, base: Any, P_e: Any) -> Any:
-        phi = np.einsum("ap,ab,bp->p", e, base, e)
-        shaped, pull = e.reshape(self.r.n, self.r.m, -1), (P_e @ e).reshape(self.r.n, self.r.m, -1)
-        for i, j, w in self.r.modes[mode]:
-            phi += 2 * float(w) * np.sum(pull[i] * curve(self.r.h[i, j]).fast(shaped[j] - shaped[i]), axis=0)
-        return np.where(np.isfinite(phi), phi, np.inf) / np.einsum("ap,ap->p", e, e)
-
-
-def _onto(e: Any, P_e: Any, low: Any, high: Any, rng: Any) -> Any:
-    """Random directions scaled to random levels of the shell, both its edges among them."""
-    part = np.clip(rng.uniform(-0.2, 1.2, size=e.shape[1]), 0, 1)
-    level = float(low) + (float(high) - float(low)) * part
-    return e * np.sqrt(level / np.einsum("ap,ab,bp->p", e, P_e, e))
-
-
-def _within(e: Any, P_e: Any, low: Any, high: Any) -> Any:
-    """The points moved along their rays into the shell."""
-    V = np.einsum("ap,ab,bp->p", e, P_e, e)
-    return e * np.sqrt(np.clip(V, float(low), float(high)) / V)
-
-
-def _boxes(tree: Any, n: int) -> Any:
-    """The middles of the boxes that a tree leaves, of the box |e_k| <= 1, as columns; None if it is no tree."""
-    boxes, place, left = [(np.zeros(n), np.zeros(n, dtype=int))], 0, []
-    while boxes:
-        if not isinstance(tree, str) or len(tree) < place + len(boxes):
-            return None
-        row, following = tree[place : place + len(boxes)], []
-        place += len(boxes)
-        for (middle, cuts), sign in zip(boxes, row, strict=True):
-            if sign == ".":
-                left.append(middle)
-                continue
-            k = int(sign)
-            if k >= n or cuts[k] == MOST_CUTS:
-                return None
-            for side in (-1, 1):
-                moved, more = middle.copy(), cuts.copy()
-                moved[k] += side * 0.5 ** (cuts[k] + 1)
-                more[k] += 1
-                following.append((moved, more))
-        boxes = following
-    return np.array(left).T if place == len(tree) else None
 
 
 def fraction(x: Any) -> Fraction:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dobc_design import Check, Problem, load_problem
 from dobc_design.problem.canonical import canonical_document, problem_from_canonical
 
-REGIONAL = ("max-separable", "delay", "sampling", "lure", "exhaustive", "equilibrium")
+REGIONAL = ("max-separable", "delay", "sampling", "lure", "equilibrium")
 
 
 def without_region(problem: Problem | str) -> Problem:

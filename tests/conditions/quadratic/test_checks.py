@@ -1,4 +1,4 @@
-"""The checks ``lure`` and ``exhaustive``: what a certificate holds, read back and decided again; twins just fail."""
+"""The check ``lure``: what a certificate holds, read back and decided again; twins just fail."""
 
 import json
 import math
@@ -8,14 +8,11 @@ from functools import partial
 from typing import Any
 
 import pytest
-from confirming import confirmed, through_json
+from confirming import confirmed
 from linked import linked
 from lure_cases import HARMONIC, PAPER, PAPER_GAIN, identity, is_proved
 
 from dobc_design import Observer, Problem, Region, Verdict
-from dobc_design.conditions.boxes import decide as boxes
-from dobc_design.conditions.boxes.decide import exhaustive_check
-from dobc_design.conditions.boxes.stage import grow_shell
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import covers
 from dobc_design.conditions.quadratic.claim import Lure
@@ -141,66 +138,3 @@ def test_a_claim_comes_back_from_json_as_it_went_in_and_without_a_gain_it_does_n
     assert lure_from_json(json.loads(json.dumps(lure.to_json())), problem, PAPER_GAIN) == lure
     full = replace(lure, P_e=SparseSymmetric(10, {**lure.P_e.entries, (0, 3): Fraction(-1, 7)}), rate=Fraction(2, 9))
     assert lure_from_json(json.loads(json.dumps(full.to_json())), problem, PAPER_GAIN) == full
-
-
-def shell_of(problem: Problem, **options: Any):
-    lure = design_lure(problem, holds=partial(is_proved, problem), shape="identity", **options)
-    assert lure is not None
-    shell = grow_shell(problem, lure, largest=Fraction(8))
-    assert shell is not None
-    return shell
-
-
-def test_boxes_are_confirmed_and_the_next_larger_claims_are_not():
-    """Two agents, all k = 3: the multipliers reach |e| = 2.89, the boxes 6."""
-    problem = ring(2)
-    shell = shell_of(problem)
-    inner, outer = certified_ball(problem, shell.lure, disturbance=0.0), replace(shell.lure, level=shell.outer)
-    radius = certified_ball(problem, outer, disturbance=0.0)
-    assert inner < 2.9 < 6.0 < radius
-    check = exhaustive_check(problem, None, shell, radius=radius, disturbance=0.0, domain="consensus")
-    assert check.verdict is Verdict.PROVED
-    assert refusal(problem, check) is None
-    assert boxes.read_claim(through_json(check), problem, None) == shell
-    larger = exhaustive_check(problem, None, shell, radius=radius * 1.01, disturbance=0.0, domain="consensus")
-    assert larger.verdict is Verdict.UNDECIDED
-    for name, value, words in (
-        ("outer", str(shell.outer * Fraction(103, 100)), "beyond the first box"),
-        ("outer", str(shell.lure.level / 2), "at least the level"),
-        ("half", str(shell.half / 2), "beyond the first box"),
-        ("half", "25/3", "dyadic"),
-        ("half", str(2**400), "dyadic"),
-        ("tree", ".", "not shown in some box"),
-        ("tree", shell.tree[:-1], "does not describe boxes"),
-        ("tree", 7, "must be text"),
-        ("level", str(shell.lure.level * SMALL), "reaches beyond"),
-        ("level", None, "both be null"),
-    ):
-        assert words in str(refusal(problem, check, **{name: value})), (name, value)
-    wider = {"outer": str(shell.outer * Fraction(103, 100)), "half": str(2 * shell.half)}
-    assert "not shown in some box" in str(refusal(problem, check, **wider))
-    nearer = {**check.domain, "radius": radius * 1.0001}
-    assert "not inside" in str(refusal(problem, replace(check, domain=nearer)))
-    assert refusal(problem, replace(check, rate=0.01)) is not None
-    assert covers(problem, check, [check])
-    # Thirty halvings across one component are the limit: beyond, ends of boxes are not exact in float64.
-    check = exhaustive_check(problem, None, shell, radius=1.0, disturbance=0.0, domain="consensus")
-    for halvings, words in ((31, "does not describe boxes"), (30, "not shown in some box")):
-        assert words in str(refusal(problem, check, tree="0" + "0." * (halvings - 1) + ".."))
-
-
-def test_numbers_that_floating_point_cannot_follow_are_refused_not_skipped():
-    """P_e = 10^150 I overflows in products; the exact conditions do not mind the scale."""
-    problem = ring(2)
-    shell, factor = shell_of(problem), Fraction(10) ** 150
-    lure = shell.lure
-    scaled = replace(
-        lure,
-        P_e=lure.P_e.scaled(factor),
-        level=lure.level * factor,
-        multipliers={mode: tuple(tau * factor for tau in taus) for mode, taus in lure.multipliers.items()},
-    )
-    assert verify_lure(problem, scaled).verdict is Verdict.PROVED
-    large = replace(shell, lure=scaled, outer=shell.outer * factor)
-    with pytest.raises(ValueError, match="between 1e-100 and 1e100"):
-        exhaustive_check(problem, None, large, radius=1.0, disturbance=0.0, domain="consensus")

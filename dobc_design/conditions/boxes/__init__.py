@@ -1,1 +1,0 @@
-"""Small networks, box by box around a quadratic certificate."""

@@ -21,8 +21,8 @@ def quadratic(rate: str, low: str, high: str, level: Any, radius: Any, size: str
     return form | {"level": level, "radius": radius, "ranges": bounds(low, high)} | more
 
 
-# sin on both arcs, k = 3, P_e = I: gains from 1/5 to 1 hold on |y| <= 5/2, that is on |e|^2 <= 25/8. With 1/5 on one arc and
-# 1.00001 on the other the rate is 3 - 0.121112: half of -g1 - g2 + sqrt((g1 - g2)^2 + (g1 + g2)^2) is what the arcs add.
+# sin on both arcs, k = 3, P_e = I: gains from 1/5 to 1 hold on |y| <= 5/2, that is on |e|^2 <= 25/8. With 1/5 on one
+# arc and 1.00001 on the other the rate is 3 - 0.121112, as arcs add half of -g1 - g2 + sqrt((g1 - g2)^2 + (g1 + g2)^2).
 WAVY = claim("lure", ball(1.7677), 2.8788, quadratic("2.8788", "1/5", "1.00001", "25/8", "5/2"))
 # With the observer, W = 2, A = 0: S = 1/((4 - 2 rate) P), and rate = 1 needs S < 4 - 2 0.121112, so P > 0.133057.
 SEEN = changed(WAVY, rate=1, domain=ball(1.7670, 0.1), P=[["0.1331"]])

@@ -13,9 +13,10 @@ from types import SimpleNamespace
 from typing import Any
 
 from .consensus import closed
+from .coordinates import gains, inverse, outputs, shown, sizes, spread
 from .files import Certificate, Problem
 from .intervals import enclosed
-from .matrices import ZERO, identity, integers, plus, product, transpose
+from .matrices import ZERO, Matrix, identity, integers, plus, product, transpose
 from .reading import an_object, index, matrix, maybe, need, rational, read, weights
 from .separable import Curve, Row, composite, curved_row, holds_box, linear_row, starts, tables
 
@@ -27,9 +28,12 @@ def accuracy(case: Certificate, check: Any) -> None:
     p = case.problem
     need(p.uncertainty is not None and check.rate is None, "there is no [uncertainty], or it claims a rate")
     need(p.n <= AGENTS, f"there are more than {AGENTS} agents")
-    curved = p.domain != "global"
-    stage = {"v": partial(weights, p.n), "alpha": rational, "level": rational, "rho": maybe(rational)}
-    shape: dict[str, Any] = {"stages": [stage], "bounds": an_object}
+    curved, turned = p.domain != "global", check.exact is not None and "T" in check.exact
+    need(turned or (p.B is None and all(h.single for h in p.couplings)), "there are dynamics, or a coupling is a list")
+    v = partial(weights, p.n * (p.m if turned else 1))
+    stage = {"v": v, "alpha": rational, "level": rational, "rho": maybe(rational)}
+    stage |= {"ranges": gains(p.m)} if turned else {}
+    shape: dict[str, Any] = {"stages": [stage], "bounds": an_object} | ({"T": matrix(p.m, p.m)} if turned else {})
     names = ("disturbance", "drift", "measurement", "step")
     shape |= {"peaks": dict.fromkeys(names, rational) | {"steps": partial(index, STEPS + 1)}} if p.q else {}
     if p.q and curved:
@@ -43,25 +47,39 @@ def accuracy(case: Certificate, check: Any) -> None:
     for each in exact.stages:
         need(each.alpha > 0 and each.level > 0, "a number of a stage is not positive")
         need(each.rho >= each.level if curved else each.rho is None, "rho is not what these couplings need")
-    first = exact.stages[0]
+    first, S = exact.stages[0], inverse(exact.T) if turned else []
     if curved:
         starts(case, check.domain, "box")
         claim = SimpleNamespace(**{**vars(exact), **vars(first)})
         need(p.q == 0 or claim.kappa * claim.beta * min(first.v) > 1, "kappa is too small")
-        composite(case, claim)
-        radius = max(check.domain.radius, first.level * min(first.v))
-        holds_box(claim, SimpleNamespace(radius=radius, disturbance=check.domain.disturbance), first.rho)
+        composite(case, claim, outputs(p, exact.T) if turned else None)
+        most = spread(exact.T, first.v) if turned else 1 / min(first.v)
+        radius = max(check.domain.radius, first.level / most)
+        holds_box(claim, SimpleNamespace(radius=radius, disturbance=check.domain.disturbance), first.rho, most)
     else:
         need(check.domain == "global", "the couplings are linear, and the domain is not global")
     for before, after in pairwise(exact.stages):
         inside = (before.level * x < after.rho * y for x, y in zip(before.v, after.v, strict=True)) if curved else ()
         need(curved and all(inside), "a stage does not hold the box before")
     for each in exact.stages:
-        shrinks(p, each, peaks)
+        if turned:
+            shrinks_turned(case, exact.T, each, peaks)
+        else:
+            shrinks(p, each, peaks)
     last = exact.stages[-1]
     need(set(exact.bounds) == set(p.labels), "there is not one bound for each agent")
-    ends = zip(p.labels, last.v, strict=True)
-    need(all(rational(exact.bounds[label]) >= last.level * x for label, x in ends), "a bound is too small")
+    for label, ends in zip(p.labels, sizes(S, last.v) if turned else ([x] for x in last.v), strict=True):
+        bounds = read(exact.bounds[label], (rational,) * p.m) if turned else [rational(exact.bounds[label])]
+        need(all(x >= last.level * y for x, y in zip(bounds, ends, strict=True)), "a bound is too small")
+
+
+def shrinks_turned(case: Certificate, T: Matrix, stage: Any, peaks: Any) -> None:
+    """All rows of a stage in coordinates, with what acts on each agent through B, on [level, rho]: they are linear."""
+    p, plant = case.problem, case.problem.uncertainty
+    need(plant.measurement == 0, "measurement noise is not known in coordinates")
+    b = (plant.disturbance * (1 + peaks.disturbance) + plant.drift * peaks.drift) / stage.level
+    load = [b * sum(map(abs, row)) for row in (T if p.B is None else product(T, p.B))]
+    shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load)
 
 
 def shrinks(p: Problem, stage: Any, peaks: Any) -> None:
@@ -98,6 +116,8 @@ def need_peaks(case: Certificate, group: Any, peaks: Any) -> None:
     above = sum(len(each.A) for each in p.groups[:k])
     W = [row[k * p.m : (k + 1) * p.m] for row in case.W[above : above + len(group.A)]]
     F, C, h, q = closed(group, W), group.C, peaks.step, len(group.A)
+    if p.B is not None:  # what acts, and what is asked, is in the inputs
+        C, W = product(p.left, C), product(W, p.B)
     size = norm(F)
     growth = size * h * peaks.steps
     known = 0 < h * size < Fraction(1, 2) and peaks.steps > 0 and growth <= GROWTH
@@ -114,10 +134,11 @@ def need_peaks(case: Certificate, group: Any, peaks: Any) -> None:
     blocks = [identity(q), W, product(F, W)]
     Z: Any = transpose([[round(x * 2**bits) for x in column] for block in blocks for column in transpose(block)])
     error, largest = 1, norm(Z)  # of an entry of Z
-    cuts = [range(q), range(q, q + p.m), range(q + p.m, q + 2 * p.m)]
+    inputs = len(C)
+    cuts = [range(q), range(q, q + inputs), range(q + inputs, q + 2 * inputs)]
     totals, masses, tail = [[ZERO] * 3 for _ in C], [ZERO] * 3, [ZERO] * 3
     (top, unit) = integers([x for row in C for x in row])
-    rows, weight = [top[i * q : (i + 1) * q] for i in range(p.m)], norm(C)
+    rows, weight = [top[i * q : (i + 1) * q] for i in range(inputs)], norm(C)
     for number in range(peaks.steps + 1):
         columns, share = transpose(Z), Fraction(1, 1 + (number in (0, peaks.steps)))
         for total, row in zip(totals, rows, strict=True):

@@ -5,14 +5,14 @@ corner of J and F counts in every row, and the worst signs of the agent's other 
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from functools import cache, partial
 from operator import mul
 from typing import Any
 
 from .expressions import Coupling
-from .files import Certificate
+from .files import Certificate, Problem
 from .matrices import ZERO, Matrix, diagonal, echelon, identity, integers, product
 from .quadratic import Ranges, read_ranges
 from .reading import MATRIX_BITS, integer, matrix, maybe, need, rational, read, short, weights
@@ -31,46 +31,71 @@ def boxes(case: Certificate, check: Any) -> None:
 def in_coordinates(case: Certificate, check: Any) -> None:
     """V decreases in the region, at the rate of the check."""
     p, m = case.problem, case.problem.m
-    need(m <= MOST, f"there are more than {MOST} components")
-    ranges = {"coupling": integer, "gains": (((rational, rational),) * m,) * m}
     shape = {"T": matrix(m, m), "v": partial(weights, p.n * m), "alpha": rational, "rho": maybe(rational)}
-    claim = read(check.exact, shape | {"ranges": [ranges]} | observed(p))
-    short((x for row in claim.T for x in row), MATRIX_BITS)
-    rows, pivots = echelon([[*own, *unit] for own, unit in zip(claim.T, identity(m), strict=True)])
-    need(pivots == [*range(m)], "T is singular")
-    S = [row[m:] for row in rows]
+    claim = read(check.exact, shape | {"ranges": gains(m)} | observed(p))
+    S = inverse(claim.T)
 
     need(p.q == 0 or claim.kappa > 0, "kappa is not positive")
     second = claim.beta - 1 / (claim.kappa * min(claim.v)) if p.q else claim.alpha
     need(check.rate is not None and 0 < check.rate <= min(claim.alpha, second), "the rate does not follow")
-    composite(case, claim, product(diagonal([claim.T] * len(p.groups)), p.C) if p.q else p.C)
+    composite(case, claim, outputs(p, claim.T))
     if claim.rho is None:
         need(check.domain == "global" == p.domain, "it has no rho and is not global")
     else:
         starts(case, check.domain, "box")
-        spread = max(sum(map(abs, row)) / min(claim.v[c::m]) for c, row in enumerate(claim.T))
-        holds_box(claim, check.domain, claim.rho, spread)
-    shown(case, claim, S, read_ranges(p, claim, far(case, S, claim)))
+        holds_box(claim, check.domain, claim.rho, spread(claim.T, claim.v))
+    shown(case, claim, S)
+
+
+def gains(m: int) -> Any:
+    """The shape of the ranges of a claim."""
+    return [{"coupling": integer, "gains": (((rational, rational),) * m,) * m}]
+
+
+def outputs(p: Problem, T: Matrix) -> Matrix:
+    """T C of every group."""
+    return product(diagonal([T] * len(p.groups)), p.C) if p.q else p.C
+
+
+def spread(T: Matrix, v: Sequence[Fraction]) -> Fraction:
+    """The largest N of errors with |e| <= 1."""
+    return max(Fraction(sum(map(abs, row))) / min(v[c :: len(T)]) for c, row in enumerate(T))
+
+
+def sizes(S: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
+    """The largest |e_ic| of every agent where N <= 1."""
+    for k in range(0, len(v), len(S)):
+        yield [sum((abs(s) * x for s, x in zip(row, v[k : k + len(S)], strict=True)), ZERO) for row in S]
 
 
 def far(case: Certificate, S: Matrix, claim: Any) -> dict[Coupling, Any]:
     """How far the arguments of every coupling go where N <= rho, by component."""
     p, m = case.problem, case.problem.m
-    v = (claim.v[k : k + m] for k in range(0, p.n * m, m))
-    sizes = [[sum(abs(s) * x for s, x in zip(row, own, strict=True)) for row in S] for own in v]
+    reach = list(sizes(S, claim.v))
     found = {h: [ZERO] * m for h in p.couplings}
     for arc in (arc for arcs in p.modes.values() for arc in arcs):
-        both = (x + y for x, y in zip(sizes[arc.i], sizes[arc.j], strict=True))
+        both = (x + y for x, y in zip(reach[arc.i], reach[arc.j], strict=True))
         found[arc.coupling] = list(map(max, found[arc.coupling], both))
     for nodes in p.couplings[len(p.couplings) - p.nodes :]:
-        found[nodes] = [max(column) for column in zip(*sizes, strict=True)]
+        found[nodes] = [max(column) for column in zip(*reach, strict=True)]
     return {h: None if claim.rho is None else [claim.rho * x for x in each] for h, each in found.items()}
 
 
-def shown(case: Certificate, claim: Any, S: Matrix, ranges: Ranges) -> None:
+def inverse(T: Matrix) -> Matrix:
+    """T^-1, of few bits and not too large."""
+    m = len(T)
+    need(m <= MOST, f"there are more than {MOST} components")
+    short((x for row in T for x in row), MATRIX_BITS)
+    rows, pivots = echelon([[*own, *unit] for own, unit in zip(T, identity(m), strict=True)])
+    need(pivots == [*range(m)], "T is singular")
+    return [row[m:] for row in rows]
+
+
+def shown(case: Certificate, claim: Any, S: Matrix, load: Sequence[Fraction] = ()) -> None:
     """For every row c of G = T J S, all x with x_c = v_ic and |x_d| = v_id, in every mode: sum of w (|G| v_j - G x) +
-    T (F - B K) S x + alpha v_ic <= 0."""
-    p, m, (v, _) = case.problem, case.problem.m, integers(claim.v)
+    T (F - B K) S x + alpha v_ic + load_c <= 0."""
+    ranges: Ranges = read_ranges(case.problem, claim, far(case, S, claim))
+    p, m, (v, bottom) = case.problem, case.problem.m, integers(claim.v)
     beside = (ranges[h] for h in p.couplings[len(p.couplings) - p.nodes :])  # A, which gains hold
     F = [
         [(lo - a, hi - a) for (lo, hi), a in zip(*rows, strict=True)]
@@ -100,7 +125,7 @@ def shown(case: Certificate, claim: Any, S: Matrix, ranges: Ranges) -> None:
         H = product(product(claim.T, p.gains.get(i, identity(m, 0))), S)
         for c, x in faces(v[i * m : i * m + m]):
             e = [sum(map(mul, row, x)) for row in S]
-            alone = claim.alpha * x[c] - sum(map(mul, H[c], x))
+            alone = claim.alpha * x[c] - sum(map(mul, H[c], x)) + (load[c] * bottom if load else 0)
             for t, row in zip(claim.T[c] if F else (), F, strict=True):
                 alone += sum(max(t * y * lo, t * y * hi) for y, (lo, hi) in zip(e, row, strict=True))
             for arcs in p.heard.values():

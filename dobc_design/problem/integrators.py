@@ -112,7 +112,12 @@ def leaders_box(problem: Problem) -> Box:
     return box
 
 
+def dynamics_of(problem: Problem) -> Dynamics | None:
+    """The [dynamics] behind ``as_integrators``; None without any."""
+    return None if problem.origin is None else problem.origin.dynamics
+
+
 def slopes_of_nodes(problem: Problem) -> Matrix:
     """The A that is in the gains of ``as_integrators``."""
-    origin = problem.origin
-    return () if origin is None or origin.dynamics is None else origin.dynamics.about(origin.target)[0]
+    dynamics, origin = dynamics_of(problem), problem.origin
+    return () if origin is None or dynamics is None else dynamics.about(origin.target)[0]

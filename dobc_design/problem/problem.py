@@ -289,9 +289,11 @@ class Problem(Shown):
         """With [dynamics] goals have to be equilibria; what is not known for them is refused."""
         if self.dynamics is None:
             return
-        for key in ("uncertainty", "actuators"):
-            if getattr(self, key) is not None:
-                raise wrong(key, "is not known for agents with [dynamics].", f"Remove [{key}].")
+        if self.actuators is not None:
+            raise wrong("actuators", "is not known for agents with [dynamics].", "Remove [actuators].")
+        for key in ("weights", "gains", "measurement"):
+            if getattr(self.uncertainty, key, 0):
+                raise wrong(f"uncertainty.{key}", "is not known for agents with [dynamics].", "Remove it, or give 0.")
         if self.leader is None:
             check_goal(self.dynamics, self.target, key="target")
         elif any(self.target):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
+from typing import Any
 
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
@@ -97,7 +98,12 @@ def _told(problem: Problem, check: Check) -> doc.Section:
 
 
 def _numbers(check: Check, key: str) -> dict[str, Fraction]:
-    return {label: read_rational(x) for label, x in (check.exact or {})[key].items()}
+    """One number for each agent, or for each component of each."""
+    found = dict[str, Any]()
+    for label, given in (check.exact or {})[key].items():
+        listed = {f"{label}, component {c}": x for c, x in enumerate(given, 1)} if isinstance(given, list) else {}
+        found |= listed or {label: given}
+    return {name: read_rational(x) for name, x in found.items()}
 
 
 def _worst(values: Mapping[str, Fraction], head: str, limits: Mapping[str, Fraction | None]) -> tuple[doc.Block, ...]:

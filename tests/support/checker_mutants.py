@@ -26,13 +26,13 @@ FILES = (
     "files",
     "consensus",
     "separable",
-    "accuracy",
     "margins",
     "quadratic",
     "cycles",
     "schedule",
     "graphs",
     "coordinates",
+    "accuracy",
     "examine",
 )
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}

@@ -5,6 +5,7 @@ Nothing of the package decides here: closed loops are built from the arcs, impul
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from random import Random
 from typing import Any
 
@@ -13,15 +14,16 @@ from scipy import linalg
 
 from dobc_design import Exosystem, Network, Observer, Problem, certify
 from dobc_design.exact.matrix import matrix, to_float
+from dobc_design.problem.dynamics import Dynamics
 
 
 def linear_problem(
-    n: int, modes: Mapping[str, Sequence[tuple[int, int, str]]], gains: Mapping[str, str], **more: Any
+    n: int, modes: Mapping[str, Sequence[tuple[int, int, str]]], gains: Mapping[str, Any], **more: Any
 ) -> Problem:
     """Agents 1 to n; an arc (i, j, w), from 0: i listens to j."""
     arcs = {name: [[i + 1, j + 1, w] for i, j, w in each] for name, each in modes.items()}
     network = Network.from_arcs(arcs, arrow="listens_to", agents=n)
-    return Problem(network=network, coupling="y", gains=gains, **more)
+    return Problem(**{"network": network, "coupling": "y", "gains": gains} | more)
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,42 @@ def gain_of(problem: Problem) -> np.ndarray:
     of many short steps, so that it is never above the L-infinity gain."""
     loop = loop_of(problem)
     return np.sum(np.abs(responses(loop)[0]) @ loop.limits, axis=0)
+
+
+def second_order(seed: int) -> tuple[Problem, Loop]:
+    """Two to five double integrators with drag, p'' = sum of w (p_j - p_i) - c p' - k p + d + w, in a tree: the problem
+    and the loop of (p, p', eps), written out from theory, section 13."""
+    r = Random(f"accuracy of second order {seed}")
+    n, drag, k = r.randint(2, 5), r.randint(8, 12), r.randint(1, 2)
+    arcs = [(i, r.randrange(i), f"{r.randint(2, 4)}/2") for i in range(1, n)]
+    L, one = np.zeros((n, n)), np.eye(n)
+    for i, j, w in arcs:
+        L[i, i] += float(Fraction(w))
+        L[i, j] -= float(Fraction(w))
+    L[0, 0] += k
+    A, B = np.block([[0 * one, one], [-L, -drag * one]]), np.vstack([0 * one, one])
+    more: dict[str, Any] = {}
+    plant = {"disturbance": f"{r.randint(1, 9)}/10"}
+    if seed % 2:
+        plant["drift"], a, b = "1/20", r.randint(20, 40) / 10, r.randint(10, 30) / 10
+        F = np.array([[-a, 1], [-1 - b, 0]])
+        more = {"exosystem": Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]), "observer": Observer(W=[[f"{a}"], [f"{b}"]])}
+        C, W = np.array([[1.0, 0.0]]), np.array([[a], [b]])
+        A = np.block(
+            [[A, np.vstack([np.zeros((n, 2 * n)), np.kron(one, C)])], [np.zeros((2 * n,) * 2), np.kron(one, F)]]
+        )
+        B = np.block([[B, np.zeros((2 * n, 2 * n))], [-np.kron(one, W), np.eye(2 * n)]])
+    limits = [float(Fraction(plant["disturbance"]))] * n + [0.05] * (2 * n * (seed % 2))
+    problem = linear_problem(
+        n,
+        {"a": arcs},
+        {"1": [[k, 0]]},
+        coupling="y1",
+        uncertainty=plant,
+        dynamics=Dynamics(A=[[0, 1], [0, -drag]], B=[[0], [1]]),
+        **more,
+    )
+    return problem, Loop(A, B, np.array(limits), 2 * n)
 
 
 def random_linear(seed: int) -> Problem:

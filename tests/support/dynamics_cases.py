@@ -10,7 +10,8 @@ k of the pin z_2' = -z_2 + (1 - (g + k)/2) z_1 + g/2 z_1j.  For g = 1, k = 1 at 
 allow 1/2, 1/3, 1/4 and 1/7; for g >= 3/4 the last one 1/14: tanh(r)/r is 0.7616 at r = 1 and 0.6947 at 1.2, where r =
 12 rho.  |e|_inf <= R has N <= R/2.  With d = xi seen by W = 2, T B C = (0, 1/2)'.  Pendulums without pins, v = (4, 3):
 1/2 and, for gains >= 3/4 of the sine, 1/6; sin(r)/r is 0.7767 at r = 1.2 and 0.7412 at 1.3, where r = 4 rho.  For
-h = (y1 y2 + y1, y2), K = I and v = 1 the worst row allows 1 - 2 r, r = 2 rho.
+h = (y1 y2 + y1, y2), K = I and v = 1 the worst row allows 1 - 2 r, r = 2 rho.  |w| <= 1/10 adds 1/20 to z_2': with
+alpha = 1/14 the row of agent 2 asks 1/20 <= level/2, and the box ends with |e| <= level (4, 14) and level (8, 30).
 """
 
 import json
@@ -28,7 +29,16 @@ from dobc_design.problem.dynamics import Dynamics
 LINE, BOTH = network([[2, 1]], agents=2), network({"A": [[2, 1]], "B": [[2, 1]]}, agents=2)
 BOTH_WAYS, WIDE = network([[1, 2], [2, 1]], agents=2), {"initial_states": [-5, 5]}
 DOUBLE: dict[str, Any] = {"dynamics": Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]]), "coupling": "y1 + 2*y2"}
-OWN = ("theorem1-weighted", "theorem2-weighted", "linearisation", "max-separable", "delay", "lure", "equilibrium")
+OWN = (
+    "theorem1-weighted",
+    "theorem2-weighted",
+    "linearisation",
+    "max-separable",
+    "delay",
+    "lure",
+    "equilibrium",
+    "accuracy",
+)
 D, V, R, RATE = ["4", "1"], ["1", "2"], [["2", "1"], ["1", "2"]], 0.125
 ALL_ONE = {"D": ["1", "1"], "w": {"G": ["1", "1"]}}
 
@@ -91,6 +101,7 @@ def problems() -> dict[str, Problem]:
         ),
         "drag": line(coupling="y1", **drag),
         "drag, seen": line(coupling="y1", **drag, **watched),
+        "drag, pushed": line(coupling="y1", **drag, uncertainty={"disturbance": "1/10"}),
         "drag, bent": line(coupling="tanh(y1)", **drag),
         "drag, bent, seen": line(coupling="tanh(y1)", **drag, **watched),
         "swinging": line(coupling="y1", gains=None, dynamics=swing),
@@ -205,6 +216,14 @@ def rows(low: str = "1", domain: Any = "global", rate: Any = 0.142, **exact: Any
     return claim("max-separable", domain, rate, own | {"ranges": [{"coupling": 0, "gains": gains}]} | exact)
 
 
+def ends(level: str = "1/10", *bounds: Any, domain: Any = "global", alpha: str = "1/14", **more: Any) -> Document:
+    """Final bounds in these coordinates."""
+    exact = rows("1")["exact"]
+    stage = {"v": exact["v"], "alpha": alpha, "level": level, "rho": None, "ranges": exact["ranges"]}
+    told = {"1": ["2/5", "7/5"], "2": ["4/5", "3"]} | dict(zip("12", bounds, strict=False))
+    return claim("accuracy", domain, None, {"stages": [stage], "bounds": told, "T": exact["T"]} | more)
+
+
 def _coordinates() -> list[Case]:
     def box(radius: Any, disturbance: Any = 0) -> Document:
         return {"kind": "box", "radius": radius, "disturbance": disturbance}
@@ -258,6 +277,7 @@ def _coordinates() -> list[Case]:
             ("a rho, everywhere", rows(rho="1"), FAILS),
             ("a box with rho", rows(domain=box(2), rho="1"), HOLDS),
             ("the box leaves the set", rows(domain=box(2.1), rho="1"), FAILS),
+            ("final bounds where nothing acts", ends(), FAILS),
             ("refuted", rows() | {"verdict": "refuted"}, FAILS),
             ("a key too many", rows(P=[["1"]]), FAILS),
         ],
@@ -288,6 +308,17 @@ def _coordinates() -> list[Case]:
             ("alpha beyond the rows", swings(alpha="1/5"), FAILS),
             ("no gains of f", swings(ranges=[]), FAILS),
             ("the slope at the target for all", swings(low="-1"), FAILS),
+        ],
+        "drag, pushed": [
+            ("by hand", ends(), HOLDS),
+            ("a level below what the rows bear", ends("99/1000"), FAILS),
+            ("a level above", ends("101/1000", ["404/1000", "1414/1000"], ["808/1000", "303/100"]), HOLDS),
+            ("bounds of a lower level", ends("101/1000"), FAILS),
+            ("alpha that leaves no room", ends(alpha="1/13"), FAILS),
+            ("a bound too small", ends("1/10", ["2/5", "139/100"]), FAILS),
+            ("one bound for both components", ends("1/10", "3"), FAILS),
+            ("a box", ends(domain=box(1)), FAILS),
+            ("T is the identity", ends(T=[["1", "0"], ["0", "1"]]), FAILS),
         ],
         "three": [
             ("by hand", rows(T=unit, v=["1"] * 6, alpha="1", rate=1, ranges=free), HOLDS),

@@ -11,6 +11,9 @@ that decays by itself is at most (theory, What the model leaves out)
 
 and where rows with b_i added stay <= -alpha s v_i for all s in [level, rho], N reaches the level in finite time and
 stays below it, if kappa beta min v > 1 for the part of V that is the observer's.
+
+In coordinates z_i = T e_i (``separable.coordinates``; agents with dynamics, couplings of vectors) b = omega (1 + peak
+of W) + gamma (peak of I) acts through B: |T B| b is added to the rows, which are linear in s for gains of the stage.
 """
 
 from __future__ import annotations
@@ -22,11 +25,21 @@ from functools import cache, partial
 from typing import Any, Final
 
 from dobc_design.conditions.check import Check, Domain, read_domain, read_object, undecided_check
-from dobc_design.conditions.numbers import read_rational, rounded_up, vector_from_json, vector_to_json
+from dobc_design.conditions.numbers import form_from_json, read_rational, rounded_up, vector_from_json, vector_to_json
 from dobc_design.conditions.observer.decide import error_matrix
+from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json, ranges_to_json
 from dobc_design.conditions.separable import claim as separable
 from dobc_design.conditions.separable.checks import obstacle as not_applicable
-from dobc_design.conditions.separable.claim import FACES, OBSERVED, ErrorBound, Row, Separable, error_from_json
+from dobc_design.conditions.separable.claim import (
+    FACES,
+    OBSERVED,
+    ErrorBound,
+    Row,
+    Separable,
+    error_from_json,
+    error_sizes,
+)
+from dobc_design.conditions.separable.coordinates import rows_obstacle, seen_through
 from dobc_design.conditions.separable.decide import (
     coupling_profiles,
     covers,
@@ -41,8 +54,11 @@ from dobc_design.exact.matrix import Matrix, Vector, multiply
 from dobc_design.exact.number import number_text
 from dobc_design.exact.peaks import peak_gains, row_norm
 from dobc_design.exact.symmetric import Doubles, least
+from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import gains_of
+from dobc_design.problem.integrators import dynamics_of
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.uncertainty import Uncertainty
 from dobc_design.verdict import Verdict
 
 MOST_STAGES: Final = 30
@@ -51,17 +67,20 @@ MOST_STAGES: Final = 30
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Level:
     """One stage: for all s in [level, rho] the box |e_i| <= s v_i shrinks, N = max |e_i|/v_i falling at least at the
-    rate alpha.  ``rho`` None: for all s >= level (linear couplings).  All numbers > 0."""
+    rate alpha.  ``rho`` None: for all s >= level (linear couplings).  All numbers > 0.  In coordinates v has an entry
+    for each component of z, and ``ranges`` are the gains where N <= rho."""
 
     v: Vector | Doubles
     alpha: Fraction
     level: Fraction
     rho: Fraction | None
+    ranges: tuple[GainRange, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The exact values as text."""
         numbers = {name: number_text(getattr(self, name)) for name in ("alpha", "level")}
-        return {"v": vector_to_json(self.v), **numbers, "rho": None if self.rho is None else number_text(self.rho)}
+        gains = {"ranges": ranges_to_json(self.ranges)} if self.ranges else {}
+        return {"v": vector_to_json(self.v), **numbers, "rho": self.rho and number_text(self.rho), **gains}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,18 +103,38 @@ class Peaks:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accuracy:
-    """Stages from the outside inwards, and ``bounds``: label -> final bound of |e_i|.  ``peaks``: with an exosystem;
-    ``error``: with one, where the couplings are not linear."""
+    """Stages from the outside inwards, and ``bounds``: label -> final bound of |e_i|, in coordinates z = T e one for
+    each component of e_i.  ``peaks``: with an exosystem; ``error``: with one, where the couplings are not linear."""
 
     stages: tuple[Level, ...]
-    bounds: Mapping[str, Fraction]
+    bounds: Mapping[str, Fraction | Vector]
     peaks: Peaks | None = None
     error: ErrorBound | None = None
+    T: Matrix | None = None
+
+    @property
+    def listed(self) -> dict[str, Vector]:
+        """The bounds, each as a vector."""
+        return {label: x if isinstance(x, tuple) else (x,) for label, x in self.bounds.items()}
+
+    @property
+    def ends(self) -> Iterator[list[Fraction]]:
+        """What the last stage leaves of the error of every agent, by component."""
+        last = self.stages[-1]
+        sizes = ([x] for x in last.v) if self.T is None else error_sizes(self.T, tuple(last.v))
+        return ([last.level * x for x in each] for each in sizes)
+
+    def in_stage(self, stage: Level) -> Separable:
+        """The boxes of a stage as those of a max-separable claim."""
+        return Separable(v=stage.v, alpha=stage.alpha, rho=stage.rho, error=self.error, T=self.T, ranges=stage.ranges)
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
         values: dict[str, Any] = {"stages": [stage.to_json() for stage in self.stages]}
-        values["bounds"] = {label: number_text(bound) for label, bound in self.bounds.items()}
+        texts = {label: [number_text(x) for x in each] for label, each in self.listed.items()}
+        values["bounds"] = {label: each[0] for label, each in texts.items()} if self.T is None else texts
+        if self.T is not None:
+            values["T"] = matrix_text(self.T)
         if self.peaks is not None:
             values["peaks"] = self.peaks.to_json()
         return values if self.error is None else values | self.error.to_json()
@@ -104,11 +143,12 @@ class Accuracy:
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Accuracy:
     """What a proved check of this topic claims, for this problem."""
     curved = bool(problem.groups) and not problem.is_linear
+    turned = check.exact is not None and "T" in check.exact
     names = ("stages", "bounds", *(("peaks",) if problem.groups else ()), *(OBSERVED if curved else ()))
-    values = read_object(check.exact, names)
+    values = read_object(check.exact, (*names, "T") if turned else names)
     if not isinstance(values["stages"], list) or not 1 <= len(values["stages"]) <= MOST_STAGES:
         raise ValueError(f"it needs between 1 and {MOST_STAGES} stages")
-    stages = tuple(_read_level(each, problem) for each in values["stages"])
+    stages = tuple(_read_level(each, problem, turned) for each in values["stages"])
     bounds = read_object(values["bounds"], problem.network.labels)
     peaks = None
     if problem.groups:
@@ -119,19 +159,31 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Accuracy:
         peaks = Peaks(**numbers, steps=found["steps"])
     return Accuracy(
         stages=stages,
-        bounds={label: read_rational(bounds[label]) for label in problem.network.labels},
+        bounds={label: _read_bounds(bounds[label], problem.m if turned else None) for label in problem.network.labels},
         peaks=peaks,
         error=error_from_json(values, problem) if curved else None,
+        T=form_from_json(values["T"]) if turned else None,
     )
 
 
-def _read_level(data: object, problem: Problem) -> Level:
-    values = read_object(data, ("v", "alpha", "level", "rho"))
+def _read_bounds(data: Any, m: int | None) -> Fraction | Vector:
+    """One bound, or with ``m`` a list of them."""
+    if m is None:
+        return read_rational(data)
+    if not isinstance(data, list) or len(data) != m:
+        raise TypeError(f"bounds must be {m} numbers for each agent")
+    return tuple(read_rational(x) for x in data)
+
+
+def _read_level(data: object, problem: Problem, turned: bool) -> Level:
+    values = read_object(data, ("v", "alpha", "level", "rho", *(("ranges",) if turned else ())))
     if (values["rho"] is None) != problem.is_linear:
         raise ValueError("rho must be null exactly where every coupling is linear")
     rho = None if values["rho"] is None else read_rational(values["rho"])
-    v = vector_from_json(values["v"], problem.n)
-    stage = Level(v=v, alpha=read_rational(values["alpha"]), level=read_rational(values["level"]), rho=rho)
+    v = vector_from_json(values["v"], problem.n * problem.m if turned else problem.n)
+    ranges = ranges_from_json(values["ranges"], problem, rho) if turned else ()
+    alpha, level = (read_rational(values[name]) for name in ("alpha", "level"))
+    stage = Level(v=v, alpha=alpha, level=level, rho=rho, ranges=ranges)
     if min(stage.alpha, stage.level, least(v)) <= 0 or (rho is not None and rho < stage.level):
         raise ValueError("v, alpha and level must be > 0, and rho at least level")
     return stage
@@ -143,25 +195,40 @@ INPUTS: Final = ("disturbance", "drift", "measurement")
 _SHOWN: Final = 6  # bounds told in the reason
 
 
-def obstacle(problem: Problem, W: Matrix | None) -> str | None:
-    """Why no final bounds can be shown for the loop with the gain W (q, m); None if they may be."""
+def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str | None:
+    """Why no final bounds can be shown for the loop with the gain W (q, m); None if they may be.  ``turned``: in
+    coordinates."""
     if problem.n > MOST_AGENTS:
         return f"does not apply: final bounds are decided for at most {MOST_AGENTS} agents."
-    return not_applicable(problem, W)
+    if turned and problem.uncertainty is not None and problem.uncertainty.measurement:
+        return "does not apply: measurement noise is known for couplings that act by component only."
+    if not turned and problem.origin is not None:
+        return "does not apply: bounds for agents with [dynamics] are made in coordinates."
+    return not_applicable(problem, W, turned=turned)
 
 
 def observer_peaks(problem: Problem, W: Matrix, *, step: Fraction, steps: int) -> Peaks | None:
     """The peak gains, the worst of all groups, for the gain W (q, m); None where they are not shown."""
-    worst = dict.fromkeys(INPUTS, Fraction(0))
+    worst, own = dict.fromkeys(INPUTS, Fraction(0)), dynamics_of(problem)
     for group, gain in zip(problem.groups, gains_of(problem.groups, W), strict=True):
-        F, C = error_matrix(group.exosystem, gain), group.exosystem.C
-        found = peak_gains(F, C, [gain, multiply(F, gain)], step=step, steps=steps)
+        F, C, W_own = error_matrix(group.exosystem, gain), group.exosystem.C, gain
+        if own is not None:  # w acts on the inputs, and what is asked is C eps in the inputs
+            C, W_own = multiply(own.left_inverse, C), multiply(gain, own.B)
+        found = peak_gains(F, C, [W_own, multiply(F, W_own)], step=step, steps=steps)
         if found is None:
             return None
         drift, disturbance, measurement = found
-        own = {"disturbance": disturbance, "drift": drift, "measurement": measurement + row_norm(multiply(C, gain))}
-        worst = {name: max(value, own[name]) for name, value in worst.items()}
+        measurement += row_norm(multiply(C, W_own))
+        found = (disturbance, drift, measurement)
+        worst = {name: max(value, x) for (name, value), x in zip(worst.items(), found, strict=True)}
     return Peaks(**worst, step=step, steps=steps)
+
+
+def load_in_coordinates(problem: Problem, peaks: Peaks | None, T: Matrix) -> Vector:
+    """|T B| b by component of z: what acts on every agent."""
+    plant, own = problem.uncertainty or Uncertainty(), dynamics_of(problem)
+    b = plant.disturbance + (plant.disturbance * peaks.disturbance + plant.drift * peaks.drift if peaks else 0)
+    return tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B)))
 
 
 def loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Iterator[tuple[str, int, Row, Fraction]]:
@@ -220,13 +287,14 @@ def accuracy_check(problem: Problem, W: Matrix | None, claim: Accuracy, *, domai
 
 def _told(problem: Problem, claim: Accuracy, domain: Domain) -> str:
     """The final bounds in words, agents with the same bound together."""
-    agents: dict[Fraction, list[str]] = {}
-    for label, bound in claim.bounds.items():
-        agents.setdefault(rounded_up(bound, digits=4), []).append(label)
+    agents: dict[Vector, list[str]] = {}
+    for label, bounds in claim.listed.items():
+        agents.setdefault(tuple(rounded_up(x, digits=4) for x in bounds), []).append(label)
     told = []
-    for bound, who in sorted(agents.items()):
+    for ends, who in sorted(agents.items()):
         names = ", ".join(who[:_SHOWN]) + (" and others" if len(who) > _SHOWN else "")
-        told.append(f"{float(bound):.6g} (agent{'s' if len(who) > 1 else ''} {names})")
+        shown = " and ".join(f"{float(x):.6g}" for x in ends)
+        told.append(f"{shown} (agent{'s' if len(who) > 1 else ''} {names})")
     if len(told) > _SHOWN:
         told[1:-1] = ["..."]
     starts = "every start"
@@ -234,19 +302,20 @@ def _told(problem: Problem, claim: Accuracy, domain: Domain) -> str:
         starts += f" with |e_i| <= {domain['radius']:.6g}"
         starts += f" and |eps_i| <= {domain['disturbance']:.6g}" if problem.groups else ""
     inputs = ", ".join(f"{name} {float(x):.6g}" for name in INPUTS if (x := getattr(problem.uncertainty, name)))
-    bounds = ", ".join(told).replace(", ..., ", " ... ")
-    return f"{starts} ends with |e_i| <= {bounds}, whatever acts within the bounds of [uncertainty]: {inputs}."
+    listed = ", ".join(told).replace(", ..., ", " ... ")
+    each = "|e_i|" if claim.T is None else "the components of |e_i|"
+    return f"{starts} ends with {each} <= {listed}, whatever acts within the bounds of [uncertainty]: {inputs}."
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is not."""
-    if (reason := obstacle(problem, W)) is not None:
+    claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, problem, W)
+    if (reason := obstacle(problem, W, turned=claim.T is not None)) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no witness and no rate"
     if problem.uncertainty is None:
         return "the problem has no [uncertainty]"
-    claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, problem, W)
     if not 1 <= len(claim.stages) <= MOST_STAGES:
         return f"it needs between 1 and {MOST_STAGES} stages"
     if claim.peaks is not None and W is not None:
@@ -261,10 +330,14 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
     for before, stage in zip(claim.stages, claim.stages[1:], strict=False):
         if stage.rho is None or any(before.level * x >= stage.rho * y for x, y in zip(before.v, stage.v, strict=True)):
             return "a stage does not hold the box in which the one before ends."
-    last = claim.stages[-1]
-    if any(bound < last.level * x for bound, x in zip(claim.bounds.values(), last.v, strict=True)):
+    pairs = (zip(*each, strict=True) for each in zip(claim.listed.values(), claim.ends, strict=True))
+    if any(bound < end for each in pairs for bound, end in each):
         return "a bound is below that of the last stage."
-    return next((why for stage in claim.stages if (why := not_shrinking(problem, claim.peaks, stage))), None)
+    if claim.T is None:
+        return next((why for stage in claim.stages if (why := not_shrinking(problem, claim.peaks, stage))), None)
+    load, each = load_in_coordinates(problem, claim.peaks, claim.T), ((x, claim.in_stage(x)) for x in claim.stages)
+    found = (rows_obstacle(problem, own, load=tuple(b / stage.level for b in load)) for stage, own in each)
+    return next((why for why in found if why is not None), None)
 
 
 def _wrong_starts(check: Check, problem: Problem, W: Matrix | None, claim: Accuracy, domain: str) -> str | None:
@@ -273,8 +346,9 @@ def _wrong_starts(check: Check, problem: Problem, W: Matrix | None, claim: Accur
     if first.rho is None:
         return None if check.domain == "global" == domain else "without rho the domain must be global"
     radius, disturbance = read_domain(check.domain, problem, kind="box")
-    as_separable = Separable(v=first.v, alpha=first.alpha, rho=first.rho, error=error)
-    exosystem = problem.joint_exosystem
+    as_separable, exosystem = claim.in_stage(first), problem.joint_exosystem
+    if claim.T is not None:
+        exosystem, W = seen_through(problem, claim.T, W)
     if exosystem is not None:
         if error is None or W is None:
             return "with an [exosystem] it needs P, beta, kappa and size."
@@ -282,7 +356,7 @@ def _wrong_starts(check: Check, problem: Problem, W: Matrix | None, claim: Accur
             return why
         if not error.kappa * error.beta * as_separable.least > 1:
             return "kappa must exceed 1/(beta min v), or the observer error can raise V."
-    start = max(radius, first.level * as_separable.least)
+    start = max(radius, first.level / as_separable.spread)
     if not covers(as_separable, radius=start, disturbance=disturbance):
         return "the box of starts, or the level, is not inside the invariant set."
     return None

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from itertools import chain
+from itertools import chain, islice
 from typing import Final
 
 import numpy as np
@@ -19,6 +19,7 @@ from dobc_design.conditions.accuracy.decide import (
     Level,
     Peaks,
     accuracy_check,
+    load_in_coordinates,
     loads,
     not_shrinking,
     observer_peaks,
@@ -28,10 +29,13 @@ from dobc_design.conditions.check import Check, Domain, limited, starts_in, surv
 from dobc_design.conditions.coverage import Progress, read_region
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
 from dobc_design.conditions.observer.decide import error_matrix
-from dobc_design.conditions.separable.claim import ErrorBound, Separable
-from dobc_design.conditions.separable.propose import field_of, least_solution
+from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, error_sizes
+from dobc_design.conditions.separable.coordinates import enclosed_ranges, slowest_row
+from dobc_design.conditions.separable.propose import field_of, least_solution, solved
+from dobc_design.conditions.separable.propose_coordinates import Agents, candidates
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
-from dobc_design.conditions.separable.stage import largest_claim
+from dobc_design.conditions.separable.stage import largest_claim, separable_stage
+from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.peaks import MOST_STEPS
@@ -53,6 +57,8 @@ DEEPEST, HIGHEST = 1e-4, 0.98  # parts of rho between which the lowest level is 
 SLOW: Final = Fraction(1, 10**7)  # the rate of a stage, as a part of b_i/(level v_i)
 LEAST, NEAR = 1e-3, 1e-6  # the first guess of v, as a part of what b_i does to an agent alone; where slopes are taken
 V_DIGITS: Final = 12
+SLACK: Final = 1e-5  # of the largest input, for rows in which nothing acts
+MOST_COORDINATES: Final = 3  # in which rows are decided
 
 
 def propose_peaks(problem: Problem, W: Matrix) -> Peaks | None:
@@ -181,7 +187,8 @@ def accuracy_stage(
     if plant is None or not (plant.disturbance or plant.measurement or (plant.drift and problem.groups)):
         return []
     report("bounding the final error")
-    if (reason := obstacle(problem, W)) is not None:
+    turned = problem.origin is not None or not acts_by_component(problem)
+    if (reason := obstacle(problem, W, turned=turned)) is not None:
         return [undecided_check(ID, domain, reason, applies=False)]
     if (late := out_of_time()) is not None:
         return [undecided_check(ID, domain, late)]
@@ -192,7 +199,8 @@ def accuracy_stage(
         if problem.groups and peaks is None:
             reason = "the peak gains of the observer are not bounded: its error does not decay, or too slowly."
             return [undecided_check(ID, domain, reason)]
-        first = next(_claims(problem, W, peaks, checks, domain), None)
+        claims = _turned if turned else _claims
+        first = next(claims(problem, W, peaks, checks, domain), None)
     if first is None:
         reason = "no box is found that shrinks under the inputs of [uncertainty]: they are too large for these gains."
         return [undecided_check(ID, domain, reason)]
@@ -222,6 +230,90 @@ def _claims(
     for outer, bound, box in chain(boxes, (_near_box(each, error, starts[1]) for each in near)):
         claim = Accuracy(stages=_stages(problem, peaks, outer), bounds={}, peaks=peaks, error=bound)
         yield from _proved(problem, W, claim, box, domain)
+
+
+def _turned(
+    problem: Problem, W: Matrix | None, peaks: Peaks | None, checks: Sequence[Check], domain: str
+) -> Iterator[Check]:
+    """The same in coordinates: of linear couplings those with the smallest bounds, else the boxes that max-separable
+    proves in its own."""
+    if problem.is_linear:
+        for T, v in _near(problem, peaks)[:MOST_COORDINATES]:
+            stages = tuple(propose_turned(problem, peaks, T, v, None))[-1:]
+            claim = Accuracy(stages=stages, bounds={}, peaks=peaks, T=T)
+            yield from _proved(problem, W, claim, "global", domain)
+        return
+    known = next((check for check in checks if check.id == "max-separable"), None)
+    if known is None or known.verdict is not Verdict.PROVED:
+        known = separable_stage(read_region(problem, W, domain=domain, everything=True), lambda _: None)[0]
+    base = known.claim
+    if not isinstance(base, Separable) or base.T is None or base.rho is None or isinstance(known.domain, str):
+        return
+    for part in PARTS:
+        radius, disturbance = (decimal_below(claimed(known.domain[x]) * part) for x in ("radius", "disturbance"))
+        with at_most(STAGE), surviving("no final bounds in coordinates", UndefinedError):
+            inwards = propose_turned(problem, peaks, base.T, tuple(base.v), base.rho * part)
+            stages = tuple(islice(inwards, MOST_STAGES))
+            claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=base.error, T=base.T)
+            yield from _proved(problem, W, claim, starts_in("box", radius, disturbance), domain)
+
+
+def _near(problem: Problem, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
+    """Coordinates and weights for linear couplings: those with the smallest bounds (in the geometric mean) first."""
+    agents, found = Agents.of(problem, most=problem.n), dict[Matrix, tuple[float, Vector]]()
+    ones = np.ones((problem.n, problem.m))
+    gains = agents.gains_at(np.eye(problem.m), ones, 1.0)
+    if gains is None:
+        return []
+    for T in candidates(agents, gains):
+        if T is not None and T not in found:
+            acts = np.tile([float(x) for x in load_in_coordinates(problem, peaks, T)], problem.n)
+            v = solved(agents.rows(to_float(T), gains, ones)[1], acts + np.max(acts) * SLACK, ones.ravel() > 0)
+            if v is not None and np.all(v > 0):
+                weights = tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
+                sizes = np.array([[float(x) for x in each] for each in error_sizes(T, weights)])
+                found[T] = float(np.sum(np.log(sizes))), weights
+    return [(T, found[T][1]) for T in sorted(found, key=lambda T: found[T][0])]
+
+
+def propose_turned(
+    problem: Problem, peaks: Peaks | None, T: Matrix, v: Sequence[Fraction], rho: Fraction | None
+) -> Iterator[Level]:
+    """Stages in coordinates from the box N <= rho inwards, for linear couplings (without rho) one."""
+    load, agents, turned = load_in_coordinates(problem, peaks, T), Agents.of(problem, most=problem.n), to_float(T)
+    acts, last = np.tile([float(x) for x in load], problem.n), float("inf")
+
+    def stage(weights: Sequence[Fraction], rho: Fraction | None) -> tuple[Level | None, Array | None]:
+        """The lowest level for these weights, and the weights that these gains ask for."""
+        ranges = enclosed_ranges(problem, T, weights, rho)
+        gains = {x.coupling: np.array([[[float(y.lo), float(y.hi)] for y in row] for row in x.entries]) for x in ranges}
+        gains = {place: ends.transpose(2, 0, 1) for place, ends in gains.items()}
+        u = np.array([float(x) for x in weights])
+        best, M = agents.rows(turned, gains, u.reshape(-1, problem.m))
+        better = solved(M, acts + np.max(acts) * SLACK, np.ones(u.size, dtype=bool))
+        if not np.all(best < 0):
+            return None, better
+        level = rounded_up(Fraction(float(np.max(acts / -best.ravel()))) * (1 + ABOVE), digits=9)
+        if level <= 0 or (rho is not None and level > rho):
+            return None, better
+        rate = slowest_row(problem, T, weights, ranges, load=tuple(x / level for x in load)).rate
+        if rate <= 0:
+            return None, better
+        return Level(v=tuple(weights), alpha=rounded_down(rate, digits=2), level=level, rho=rho, ranges=ranges), better
+
+    found, better = stage(v, rho)
+    while found is not None:
+        size = float(found.level * max(map(max, error_sizes(T, found.v))))
+        if size >= float(WORTH) * last:
+            return
+        yield found
+        if better is None or not np.all(better > 0):
+            return
+        last, u = size, tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in better.tolist())
+        if rho is not None:
+            ratio = max(found.level * x / y for x, y in zip(found.v, u, strict=True))
+            rho = rounded_up(ratio * (1 + ABOVE), digits=9)
+        found, better = stage(u, rho)
 
 
 def _near_box(outer: Level, error: ErrorBound | None, disturbance: Fraction) -> tuple[Level, ErrorBound | None, Domain]:
@@ -269,9 +361,10 @@ def _proved(
 ) -> Iterator[Check]:
     """The check of a claim with its bounds, if it is proved."""
     if claim.stages:
-        last, labels = claim.stages[-1], problem.network.labels
-        bounds = {x: rounded_up(last.level * v, digits=DIGITS) for x, v in zip(labels, last.v, strict=True)}
-        whole = replace(claim, bounds=bounds)
+        labels = problem.network.labels
+        ends = zip(labels, claim.ends, strict=True)
+        bounds = {label: tuple(rounded_up(x, digits=DIGITS) for x in each) for label, each in ends}
+        whole = replace(claim, bounds=bounds if claim.T is not None else {x: each[0] for x, each in bounds.items()})
         check = limited(ID, local, lambda: accuracy_check(problem, W, whole, domain=starts, local=local))
         if check.verdict is Verdict.PROVED:
             yield check

@@ -80,8 +80,9 @@ def enclosed_ranges(problem: Problem, T: Matrix, v: Sequence[Fraction], rho: Fra
     return tuple(GainRange(coupling=place, radius=rho, entries=each) for place, each in gains.items())
 
 
-def rows_obstacle(problem: Problem, claim: Separable) -> str | None:
-    """Why the rows of a claim with T do not hold; None if they are proved.  Raises: ShapeError unless v and T fit."""
+def rows_obstacle(problem: Problem, claim: Separable, *, load: Vector = ()) -> str | None:
+    """Why the rows of a claim with T, ``load`` (m,) added, do not hold; None if they are proved.  Raises: ShapeError
+    unless v and T fit."""
     if claim.T is None or len(claim.T) != problem.m or len(claim.v) != problem.n * problem.m:
         raise ShapeError(f"v must have {problem.n * problem.m} entries, T {problem.m} rows.", key="v")
     if claim.rho is None and not problem.is_linear:
@@ -92,14 +93,17 @@ def rows_obstacle(problem: Problem, claim: Separable) -> str | None:
             return f"more than {MOST_FREE} gains of a coupling vary."
         if (reason := left_open(problem, place, entries, far[place])) is not None:
             return reason
-    slowest = slowest_row(problem, claim.T, claim.v, claim.ranges)
+    slowest = slowest_row(problem, claim.T, claim.v, claim.ranges, load=load)
     where = f"agent {problem.network.labels[slowest.agent]}, component {slowest.component + 1}, in mode {slowest.mode}"
     return None if slowest.rate >= claim.alpha else f"the row of {where} allows only {float(slowest.rate):.4g} 1/s."
 
 
-def slowest_row(problem: Problem, T: Matrix, v: Sequence[Fraction], ranges: Sequence[GainRange]) -> Slowest:
-    """The least rate that a row allows, exactly, in integers where denominators are short."""
-    m, table, weights = problem.m, {each.coupling: each.entries for each in ranges}, _integers(v)[0]
+def slowest_row(
+    problem: Problem, T: Matrix, v: Sequence[Fraction], ranges: Sequence[GainRange], *, load: Vector = ()
+) -> Slowest:
+    """The least rate that a row allows, ``load`` (m,) added, exactly, in integers where denominators are short."""
+    m, table, (weights, bottom) = problem.m, {each.coupling: each.entries for each in ranges}, _integers(v)
+    added = [x * bottom for x in load] or [Fraction(0)] * m
     own = [weights[first : first + m] for first in range(0, len(weights), m)]
     signs = [[sign for sign in product((1, -1), repeat=m) if sign[c] > 0] for c in range(m)]
     corners = {place: _corners(T, entries) for place, entries in table.items() if place != problem.node}
@@ -137,7 +141,7 @@ def slowest_row(problem: Problem, T: Matrix, v: Sequence[Fraction], ranges: Sequ
         for i, (of_arcs, of_own) in enumerate(zip(totals, alone, strict=True)):
             for c in range(m):
                 worst = max(x + Fraction(y) / (unit * over) for x, y in zip(of_own[c], of_arcs[c], strict=True))
-                found.append(Slowest(-worst / own[i][c], i, c, mode))
+                found.append(Slowest(-(worst + added[c]) / own[i][c], i, c, mode))
         found = [min(found)]
     return found[0]
 

@@ -9,7 +9,7 @@ from typing import Any
 import groups_cases as groups
 import numpy as np
 import pytest
-from disturbed import exact_gain, final_errors, linear_problem
+from disturbed import exact_gain, final_errors, linear_problem, responses, second_order
 
 from dobc_design import Problem, Verdict, load_problem
 from dobc_design.certificate.text import certificate_bytes
@@ -118,6 +118,22 @@ def test_agents_with_different_exosystems_count_with_the_worst_peak_gain(name: s
     problem = groups.problems()[name].replace(uncertainty=OMEGA | {"measurement": "1/1000"})
     assert both(problem, lambda exact: None) == (True, True)
     assert both(problem, scaled(["peaks", "disturbance"], "0.9999")) == (False, False)
+
+
+@pytest.mark.parametrize(
+    "seed", [0, 1, pytest.param(2, marks=pytest.mark.slow), pytest.param(3, marks=pytest.mark.slow)]
+)
+def test_bounds_of_agents_with_dynamics_are_never_below_the_exact_gain(seed: int):
+    problem, loop = second_order(seed)
+    exact = np.sum(np.abs(responses(loop)[0]) @ loop.limits, axis=0)
+    check = row(problem)
+    assert check.verdict is Verdict.PROVED, check.reason
+    ends = np.array([[float(x) for x in check.claim.bounds[label]] for label in problem.network.labels])
+    ratio = ends.T.ravel() / exact
+    assert min(ratio) >= 1
+    assert max(ratio) <= (10 if problem.q else 4)
+    assert both(problem, lambda exact: None) == (True, True)
+    assert both(problem, scaled(["bounds", "1", 0], "0.9999")) == (False, False)
 
 
 def test_inputs_too_large_for_the_gains_are_undecided():

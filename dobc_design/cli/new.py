@@ -28,8 +28,8 @@ def new(
         Path | None,
         typer.Option(
             "--from",
-            help="Make the problem from a MATPOWER case (.m), a pandapower network (.json), a MATLAB file (.mat) or"
-            " arcs (.csv, .graphml, .edges; needs --arrow).",
+            help="Make the problem from a MATPOWER case (.m), a pandapower network (.json) or arcs"
+            " (.csv, .graphml, .edges; needs --arrow).",
         ),
     ] = None,
     arrow: Annotated[

@@ -123,7 +123,7 @@ def to_sdpa(problem: Source) -> str:
 
 
 def to_mat(problem: Source, path: str | PathLike[str]) -> Path:
-    """Write A, C, L, W, P, k, xbar, offsets, h, labels, modes to a MATLAB file; ``problem_from_file`` reads it.
+    """Write A, C, L, W, P, k, xbar, offsets, h, labels, modes to a MATLAB file.
 
     Numbers become doubles.  Returns: the path.  Raises: SpecError for couplings of single arcs.
     """

@@ -8,14 +8,13 @@ from pathlib import Path
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.importing.grids import grid_problem, is_pandapower, read_matpower, read_pandapower
-from dobc_design.importing.matlab import read_mat
 from dobc_design.problem.arcs_file import READERS, labels_in_file, read_arcs_file
 from dobc_design.problem.load import load_problem, read_bytes
 from dobc_design.problem.network import Network
 from dobc_design.problem.problem import Problem, is_name
 
 LARGEST = 256 * 1024 * 1024
-SUFFIXES = (".m", ".json", ".mat", *READERS, ".toml")
+SUFFIXES = (".m", ".json", *READERS, ".toml")
 ARCS_ONLY = (
     "Imported from {file}, which holds arcs and nothing else.",
     'Stand-ins: the coupling h = "y" is linear, nobody is pinned, and there is no disturbance. Fill them in.',
@@ -25,7 +24,7 @@ ARCS_ONLY = (
 def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) -> Problem:
     """Make a problem from a file of another program, by its suffix.
 
-    .m MATPOWER case; .json pandapower network (or problem.json); .mat MATLAB; .csv, .graphml, .edges arcs, for which
+    .m MATPOWER case; .json pandapower network (or problem.json); .csv, .graphml, .edges arcs, for which
     ``arrow`` ("listens_to" or "sends_to") has to say what a pair means; .toml a problem file.
     Returns: a Problem whose notes say what was assumed.  Raises: SpecError.
     """
@@ -54,8 +53,6 @@ def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) ->
     data = read_bytes(path, limit=LARGEST, what="file")
     if suffix == ".m":
         return grid_problem(read_matpower(data.decode("utf-8", errors="replace"), name=path.name), name=name)
-    if suffix == ".mat":
-        return read_mat(data, file=path.name, name=name)
     if is_pandapower(data):
         return grid_problem(read_pandapower(data, name=path.name), name=name)
     return load_problem(path)

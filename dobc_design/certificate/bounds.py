@@ -28,7 +28,7 @@ from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Descent
 from dobc_design.conditions.schedule.cycles import Cycles, phases_of, shrunk
 from dobc_design.conditions.schedule.decide import Settling
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import Separable, reach
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
@@ -166,11 +166,11 @@ def error_share(claim: Separable | Cycles, disturbance: Fraction, *, unit: int) 
 
 def _bound_of_weights(problem: Problem, claim: Cycles, radius: Fraction, disturbance: Fraction) -> Envelope:
     """V falls at the rate from the beginning of one phase to the next, and never rises; |e_i| <= v_i V in between."""
-    rate, begun = claim.rate or Fraction(0), zip(phases_of(problem), claim.phases, strict=True)
-    first = radius / min(x for phase, each in begun if phase.first for x in each.v[0])
-    first += error_share(claim, disturbance, unit=10**18)
+    rate = claim.rate or Fraction(0)
+    first = radius * claim.spread(problem) + error_share(claim, disturbance, unit=10**18)
     parts = [part for each in claim.phases for part in pairwise(zip(each.times, each.v, strict=True))]
-    tallest = max(max(*old, *new) / shrunk(Fraction(1), rate, end).lo for (_, old), (end, new) in parts)
+    ends = ((tuple(map(max, old, new)), end) for (_, old), (end, new) in parts)
+    tallest = max(reach(claim.T, v) / shrunk(Fraction(1), rate, end).lo for v, end in ends)
     return Envelope(id="schedule", height=first * tallest, rate=rate)
 
 

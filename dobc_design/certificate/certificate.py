@@ -108,7 +108,7 @@ class Certificate(Headed):
         proved = (each for each in self.checks if each.id == "schedule" and each.verdict is Verdict.PROVED)
         with reading_claims():
             for claim in (claim_of(check, self._loop, self.claims.W) for check in proved):
-                if isinstance(claim, Cycles) and claim.phases:
+                if isinstance(claim, Cycles) and claim.phases and claim.T is None:
                     return tuple(zip(phases_of(self.problem), claim.phases, strict=True))
         return ()
 

@@ -79,7 +79,7 @@ def shrinks_turned(case: Certificate, T: Matrix, stage: Any, peaks: Any) -> None
     need(plant.measurement == 0, "measurement noise is not known in coordinates")
     b = (plant.disturbance * (1 + peaks.disturbance) + plant.drift * peaks.drift) / stage.level
     load = [b * sum(map(abs, row)) for row in (T if p.B is None else product(T, p.B))]
-    shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load)
+    shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load * p.n)
 
 
 def shrinks(p: Problem, stage: Any, peaks: Any) -> None:

@@ -5,7 +5,7 @@ corner of J and F counts in every row, and the worst signs of the agent's other 
 """
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from functools import cache, partial
 from operator import mul
@@ -92,16 +92,23 @@ def inverse(T: Matrix) -> Matrix:
 
 
 def shown(case: Certificate, claim: Any, S: Matrix, load: Sequence[Fraction] = ()) -> None:
-    """For every row c of G = T J S, all x with x_c = v_ic and |x_d| = v_id, in every mode: sum of w (|G| v_j - G x) +
-    T (F - B K) S x + alpha v_ic + load_c <= 0."""
-    ranges: Ranges = read_ranges(case.problem, claim, far(case, S, claim))
-    p, m, (v, bottom) = case.problem, case.problem.m, integers(claim.v)
+    """The gains are those of the couplings, and the rows hold at the rate alpha with ``load`` (n m,) added."""
+    outward = [claim.alpha * x for x in claim.v]
+    added = [x + y for x, y in zip(outward, load, strict=True)] if load else outward
+    judge(case, claim, S, read_ranges(case.problem, claim, far(case, S, claim)))(claim.v, added, case.problem.modes)
+
+
+def judge(case: Certificate, claim: Any, S: Matrix, ranges: Ranges) -> Callable[[Any, Any, Iterable[str]], None]:
+    """What shows, for weights v, a load (n m,) and modes: for every row c of G = T J S, all x with x_c = v_ic and
+    |x_d| = v_id, in every one of the modes: sum of w (|G| v_j - G x) + T (F - B K) S x + load_ic <= 0."""
+    p, m = case.problem, case.problem.m
     beside = (ranges[h] for h in p.couplings[len(p.couplings) - p.nodes :])  # A, which gains hold
     F = [
         [(lo - a, hi - a) for (lo, hi), a in zip(*rows, strict=True)]
         for h in beside
         for rows in zip(h, p.drift, strict=True)
     ]
+    H = [product(product(claim.T, p.gains.get(i, identity(m, 0))), S) for i in range(p.n)]
 
     @cache
     def corners(h: Coupling) -> list[tuple[list[list[int]], int]]:
@@ -112,25 +119,29 @@ def shown(case: Certificate, claim: Any, S: Matrix, load: Sequence[Fraction] = (
         flat = [integers([x for G in every for x in G[c]]) for c in range(m)]
         return [([g[k : k + m] for k in range(0, len(g), m)], unit) for g, unit in flat]
 
-    @cache
-    def pull(h: Coupling, c: int, j: int) -> list[int]:
-        return [sum(abs(g) * y for g, y in zip(G, v[j * m : j * m + m], strict=True)) for G in corners(h)[c][0]]
+    def hold(weights: Any, load: Any, modes: Iterable[str]) -> None:
+        v, bottom = integers(weights)
 
-    def heard(h: Coupling, c: int, j: int, x: list[int], loose: bool) -> Fraction:
-        rows, unit = corners(h)[c]
-        worst = max(y - sum(map(mul, G, x)) for y, G in zip(pull(h, c, j), rows, strict=True))
-        return Fraction(max(0, worst) if loose else worst, unit)
+        @cache
+        def pull(h: Coupling, c: int, j: int) -> list[int]:
+            return [sum(abs(g) * y for g, y in zip(G, v[j * m : j * m + m], strict=True)) for G in corners(h)[c][0]]
 
-    for i in range(p.n):
-        H = product(product(claim.T, p.gains.get(i, identity(m, 0))), S)
-        for c, x in faces(v[i * m : i * m + m]):
-            e = [sum(map(mul, row, x)) for row in S]
-            alone = claim.alpha * x[c] - sum(map(mul, H[c], x)) + (load[c] * bottom if load else 0)
-            for t, row in zip(claim.T[c] if F else (), F, strict=True):
-                alone += sum(max(t * y * lo, t * y * hi) for y, (lo, hi) in zip(e, row, strict=True))
-            for arcs in p.heard.values():
-                others = sum((arc.w * heard(arc.coupling, c, arc.j, x, arc.loose) for arc in arcs[i]), alone)
-                need(others <= 0, f"the row of agent {p.labels[i]} is not shown")
+        def heard(h: Coupling, c: int, j: int, x: list[int], loose: bool) -> Fraction:
+            rows, unit = corners(h)[c]
+            worst = max(y - sum(map(mul, G, x)) for y, G in zip(pull(h, c, j), rows, strict=True))
+            return Fraction(max(0, worst) if loose else worst, unit)
+
+        for i in range(p.n):
+            for c, x in faces(v[i * m : i * m + m]):
+                e = [sum(map(mul, row, x)) for row in S]
+                alone = load[i * m + c] * bottom - sum(map(mul, H[i][c], x))
+                for t, row in zip(claim.T[c] if F else (), F, strict=True):
+                    alone += sum(max(t * y * lo, t * y * hi) for y, (lo, hi) in zip(e, row, strict=True))
+                for arcs in (p.heard[mode][i] for mode in modes):
+                    others = sum((arc.w * heard(arc.coupling, c, arc.j, x, arc.loose) for arc in arcs), alone)
+                    need(others <= 0, f"the row of agent {p.labels[i]} is not shown")
+
+    return hold
 
 
 def faces(v: list[int]) -> Iterator[tuple[int, list[int]]]:

@@ -7,11 +7,13 @@ from functools import partial
 from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
+from .coordinates import far, gains, inverse, judge, outputs, spread
 from .expressions import Coupling
 from .files import Certificate, Problem, reach
 from .intervals import by_decimal, enclosed, negative, times, total
 from .matrices import ZERO
-from .reading import maybe, need, rational, read, weights
+from .quadratic import read_ranges
+from .reading import matrix, maybe, need, rational, read, weights
 from .separable import Curve, Term, composite, observed, on_pieces, starts, supremum
 
 PHASES = 40
@@ -73,20 +75,25 @@ def turn_at(turns: list[Phase], time: Fraction) -> tuple[int, Fraction, Fraction
 
 def schedule(case: Certificate, check: Any) -> None:
     """N = max |e_i| / v_i(t) falls from phase to phase at the rate, or the graphs alone show that all errors decay."""
-    exact = read_cycles(case, check.exact)
+    exact = read_cycles(case, check.exact, check.exact is not None and "T" in check.exact)
+    plain = not case.problem.nodes and all(h.single for h in case.problem.couplings)
+    need(exact.rate is not None if exact.T else plain, "a coupling is a list, or nodes are curved, or T has no weights")
     need((check.rate is None) == (exact.rate is None), "it claims a rate that it does not have, or has one")
     need(check.rate is None or 0 < check.rate <= exact.rate, "the rate is not between 0 and that of the claim")
     keeps(case, exact)
     turns = zip(phases(case.problem), exact.phases, strict=False)
-    inside(case, check, exact, min([x for turn, each in turns if turn.first for x in each.v[0]], default=ONE))
+    begun = [each.v[0] for turn, each in turns if turn.first]
+    inside(case, check, exact, max([spread(exact.T or [[ONE]], v) for v in begun], default=ONE))
 
 
-def read_cycles(case: Certificate, value: Any) -> Any:
-    """Read weights that move from mode to mode, phase by phase; none where the graphs alone are claimed."""
+def read_cycles(case: Certificate, value: Any, turned: bool = False) -> Any:
+    """Read weights that move from mode to mode, phase by phase; none where the graphs alone are claimed.  ``turned``:
+    in coordinates."""
     p = case.problem
     shape: dict[str, Any] = {"rate": maybe(rational), "rho": maybe(rational)}
-    shape["phases"] = [{"times": [rational], "v": [partial(weights, p.n)]}]
-    exact = read(value, shape | observed(p))
+    shape["phases"] = [{"times": [rational], "v": [partial(weights, p.n * (p.m if turned else 1))]}]
+    exact = read(value, shape | observed(p) | ({"T": matrix(p.m, p.m), "ranges": gains(p.m)} if turned else {}))
+    exact.T = exact.T if turned else None
     need(all(0 < len(each.times) == len(each.v) <= TIMES for each in exact.phases), "there are no times, or too many")
     return exact
 
@@ -103,30 +110,45 @@ def keeps(case: Certificate, exact: Any) -> None:
         return
 
     need(len(exact.phases) == len(turns), "there are not weights for every phase")
+    hold = in_coordinates(case, exact) if exact.T else None
     for turn, each in zip(turns, exact.phases, strict=True):
         need(each.times[0] == 0, "times do not begin at 0")
         need(all(a < b for a, b in pairwise(each.times)), "times do not rise")
         need(turn.shortest in each.times, "the shortest time is not among the times")
         need(turn.longest in (None, each.times[-1]), "the times do not end with the longest one")
         handed(turn, each, [exact.phases[k].v[0] for k in turn.following], exact.rate)
-        falls(p, turn, each, exact)
+        if hold is None:
+            falls(p, turn, each, exact)
+            continue
+        for (a, b), (v, w) in zip(pairwise(each.times), pairwise(each.v), strict=True):
+            for box in (v, w):  # rows are convex in the weights
+                hold(box, [(x - y) / (b - a) for x, y in zip(v, w, strict=True)], [turn.mode])
+        if turn.longest is None:
+            hold(each.v[-1], [exact.rate * x for x in each.v[-1]], [turn.mode])
+
+
+def in_coordinates(case: Certificate, exact: Any) -> Any:
+    """What shows rows in coordinates z = T e, for gains that hold as far out as any weights reach."""
+    S = inverse(exact.T)
+    exact.v = [max(column) for column in zip(*(v for each in exact.phases for v in each.v), strict=True)]
+    return judge(case, exact, S, read_ranges(case.problem, exact, far(case, S, exact)))
 
 
 def decays(case: Certificate, claim: Any, rate: Fraction, least: Fraction = ONE) -> None:
     """The part of the estimation error in V = N + kappa E, with weights of at least ``least``, allows the rate."""
     p = case.problem
-    composite(case, claim)
+    composite(case, claim, outputs(p, claim.T) if getattr(claim, "T", None) else None)
     need(p.q == 0 or (claim.kappa > 0 and claim.kappa * (claim.beta - rate) * least >= 1), "kappa is too small")
     need(claim.rho is not None or p.domain == "global", "it has no rho, and the couplings are not all linear")
 
 
-def inside(case: Certificate, check: Any, claim: Any, first: Fraction = ONE) -> None:
-    """V is at most rho at every start, with weights of at least ``first``."""
+def inside(case: Certificate, check: Any, claim: Any, most: Fraction = ONE) -> None:
+    """V is at most rho at every start; ``most``: the largest N where |e| <= 1."""
     if claim.rho is None:
         need(check.domain == "global", "it has no rho and is not global")
         return
     starts(case, check.domain, "box")
-    left = claim.rho - check.domain.radius / first
+    left = claim.rho - check.domain.radius * most
     noise = (claim.kappa * check.domain.disturbance) ** 2 * claim.size if case.problem.q else ZERO
     need(left >= 0 and noise <= left**2, "the box leaves the region")
 

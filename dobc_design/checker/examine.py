@@ -101,7 +101,7 @@ def regional(case: Certificate, check: Any) -> None:
     p = case.problem
     need(check.margin is None, "it has no margin to claim")
     need(p.q == 0 or case.W is not None, "there is no observer gain")
-    if check.id not in ("max-separable", "lure", "equilibrium", "markov", "accuracy"):
+    if check.id not in ("max-separable", "lure", "equilibrium", "markov", "accuracy", "schedule"):
         need(
             not p.nodes and all(coupling.single for coupling in p.couplings),
             "a coupling is a list, or nodes are curved",

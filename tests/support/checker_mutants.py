@@ -28,10 +28,10 @@ FILES = (
     "separable",
     "margins",
     "quadratic",
+    "coordinates",
     "cycles",
     "schedule",
     "graphs",
-    "coordinates",
     "accuracy",
     "examine",
 )

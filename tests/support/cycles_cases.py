@@ -46,6 +46,7 @@ def _settings() -> dict[str, tuple[Document, Document]]:
         "chain, bad W": (CHAIN | WATCHED | {"observer": Observer(W=[[-1]])}, TURNS),
         "pair": (PAIR, DWELL | {"longest": 2}),
         "pair, for ever": (PAIR, DWELL),
+        "pair, for ever, linear": (PAIR | {"coupling": "y"}, DWELL),
         "curved": (CHAIN | {"coupling": PAPER}, TURNS),
         "curved, observed": (CHAIN | WATCHED | {"coupling": PAPER}, TURNS),
         "sine": (CHAIN | {"coupling": "sin(y)"}, TURNS),
@@ -72,6 +73,37 @@ def schedule(domain: Any, rate: Any, rho: str | None, *phases: Document, exact: 
 
 def phase(times: list[str], *v: list[str]) -> Document:
     return {"times": times, "v": list(v)}
+
+
+def turned(check: Document, T: str = "2", low: str = "1", high: str = "1", **more: Any) -> Document:
+    """In coordinates z = T e; a coupling has gains between ``low`` and ``high``."""
+    ranges = [{"coupling": 0, "gains": [[[low, high]]]}]
+    return check | {"exact": check["exact"] | {"T": [[T]], "ranges": ranges} | more}
+
+
+def _in_coordinates() -> Iterator[Case]:
+    """With z = 2 e the same weights hold, a box of e is half as wide, and P is four times as large."""
+    boxed = bent(CHAINED, domain=box(9), rho="9")
+    seen = OBSERVED | {"exact": OBSERVED["exact"] | {"P": [["4"]], "size": "4"}}
+    yield _case("chain", HOLDS, turned(CHAINED), "in coordinates")
+    yield _case("chain", HOLDS, turned(bent(boxed, rho="18")), "in coordinates, in a box")
+    yield _case("chain", FAILS, turned(boxed), "in coordinates, the box leaves the region")
+    yield _case("chain, observed", HOLDS, turned(seen), "in coordinates, observed")
+    yield _case("chain, observed", FAILS, turned(OBSERVED), "in coordinates, P of e")
+    yield _case("chain, listed", HOLDS, turned(CHAINED, low="0.99995", high="2"), "gains a little wider")
+    yield _case("chain", FAILS, turned(CHAINED, low="0.99"), "gains wider than the rows bear")
+    yield _case("chain", FAILS, turned(CHAINED, low="1.01", high="1.01"), "gains that it does not have")
+    yield _case("chain", FAILS, turned(CHAINED, ranges=[]), "no gains")
+    yield _case("chain", FAILS, turned(CHAINED, T="0"), "T is singular")
+    yield _case("chain", FAILS, turned(CHAINED, T=[["1", "0"], ["0", "1"]]), "T of another size")
+    yield _case("chain", FAILS, turned(GRAPHS), "T without weights")
+    yield _case("list", FAILS, turned(GRAPHS, T=[["1", "0"], ["0", "1"]]), "a list by its first expression")
+    for p, k, i, value in ((0, 1, 0, "0.4999"), (0, 1, 2, "2.9999"), (1, 1, 1, "1.2749"), (1, 0, 2, "3.374")):
+        yield _case("chain", FAILS, turned(moved(CHAINED, p, k, i, value)), f"turned {p}, {k}, {i}: {value}")
+    rests = turned(bent(STANDING, domain=GLOBAL, rho=None), "1")
+    yield _case("pair, for ever, linear", FAILS, rests, "in coordinates, a phase that stands")
+    resting = turned(bent(RESTING, domain=GLOBAL, rho=None), "1")
+    yield _case("pair, for ever, linear", HOLDS, resting, "in coordinates, a phase that rests")
 
 
 def moved(check: Document, p: int, k: int, i: int, value: str) -> Document:
@@ -126,6 +158,7 @@ def _good() -> Iterator[Case]:
     for name in ("chain", "chain, listed", "chain, in rounds", "chain, by period", "chain, every mode"):
         yield _case(name, HOLDS, CHAINED, "true")
     yield _case("chain", HOLDS, moved(CHAINED, 0, 1, 0, "0.5001"), "agent 1 slower")
+    yield from _in_coordinates()
     yield _case(
         "chain",
         HOLDS,

@@ -225,10 +225,10 @@ def observer_peaks(problem: Problem, W: Matrix, *, step: Fraction, steps: int) -
 
 
 def load_in_coordinates(problem: Problem, peaks: Peaks | None, T: Matrix) -> Vector:
-    """|T B| b by component of z: what acts on every agent."""
+    """|T B| b by agent and component of z, (n m,): what acts on every agent."""
     plant, own = problem.uncertainty or Uncertainty(), dynamics_of(problem)
     b = plant.disturbance + (plant.disturbance * peaks.disturbance + plant.drift * peaks.drift if peaks else 0)
-    return tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B)))
+    return tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B))) * problem.n
 
 
 def loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Iterator[tuple[str, int, Row, Fraction]]:

@@ -32,7 +32,7 @@ from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, error_sizes
 from dobc_design.conditions.separable.coordinates import enclosed_ranges, slowest_row
 from dobc_design.conditions.separable.propose import field_of, least_solution, solved
-from dobc_design.conditions.separable.propose_coordinates import Agents, candidates
+from dobc_design.conditions.separable.propose_coordinates import Agents, candidates, in_floats
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import largest_claim, separable_stage
 from dobc_design.exact.interval import UndefinedError
@@ -267,7 +267,7 @@ def _near(problem: Problem, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
         return []
     for T in candidates(agents, gains):
         if T is not None and T not in found:
-            acts = np.tile([float(x) for x in load_in_coordinates(problem, peaks, T)], problem.n)
+            acts = np.array([float(x) for x in load_in_coordinates(problem, peaks, T)])
             v = solved(agents.rows(to_float(T), gains, ones)[1], acts + np.max(acts) * SLACK, ones.ravel() > 0)
             if v is not None and np.all(v > 0):
                 weights = tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
@@ -281,15 +281,13 @@ def propose_turned(
 ) -> Iterator[Level]:
     """Stages in coordinates from the box N <= rho inwards, for linear couplings (without rho) one."""
     load, agents, turned = load_in_coordinates(problem, peaks, T), Agents.of(problem, most=problem.n), to_float(T)
-    acts, last = np.tile([float(x) for x in load], problem.n), float("inf")
+    acts, last = np.array([float(x) for x in load]), float("inf")
 
     def stage(weights: Sequence[Fraction], rho: Fraction | None) -> tuple[Level | None, Array | None]:
         """The lowest level for these weights, and the weights that these gains ask for."""
         ranges = enclosed_ranges(problem, T, weights, rho)
-        gains = {x.coupling: np.array([[[float(y.lo), float(y.hi)] for y in row] for row in x.entries]) for x in ranges}
-        gains = {place: ends.transpose(2, 0, 1) for place, ends in gains.items()}
         u = np.array([float(x) for x in weights])
-        best, M = agents.rows(turned, gains, u.reshape(-1, problem.m))
+        best, M = agents.rows(turned, in_floats(ranges), u.reshape(-1, problem.m))
         better = solved(M, acts + np.max(acts) * SLACK, np.ones(u.size, dtype=bool))
         if not np.all(best < 0):
             return None, better

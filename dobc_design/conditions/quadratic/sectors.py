@@ -196,6 +196,8 @@ def ranges_from_json(data: object, problem: Problem, radius: Fraction | None) ->
         if type(values["coupling"]) is not int:
             raise TypeError("coupling must be a whole number")
         rows = [[Interval(*map(read_rational, ends)) for ends in row] for row in values["gains"]]
+        if [len(row) for row in rows] != [problem.m] * problem.m:
+            raise ValueError("gains must have one row and one column per state component")
         found.append(GainRange(coupling=values["coupling"], radius=radius, entries=tuple(map(tuple, rows))))
     if sorted(each.coupling for each in found) != sorted(used_couplings(problem)):
         raise ValueError("ranges must name every coupling that an arc has, once")

@@ -8,8 +8,16 @@ from typing import Final
 
 from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
-from dobc_design.conditions.numbers import claimed, decimal_below, follows, read_rational, vector_from_json
+from dobc_design.conditions.numbers import (
+    claimed,
+    decimal_below,
+    follows,
+    form_from_json,
+    read_rational,
+    vector_from_json,
+)
 from dobc_design.conditions.quadratic.decide import lure_from_json, names_of
+from dobc_design.conditions.quadratic.sectors import ranges_from_json
 from dobc_design.conditions.schedule.claim import QUADRATIC, SCHEDULE, SEPARABLE, Descent, Last, Tube
 from dobc_design.conditions.schedule.cycles import Cycles, Weights, guarantee_in_words, holds_starts
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
@@ -56,11 +64,11 @@ def cycles_check(problem: Problem, W: Matrix | None, claim: Cycles, asked: Regio
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is not."""
-    if (reason := obstacle(problem, W)) is not None:
+    claim = read_claim(check, problem, W)
+    if (reason := obstacle(problem, W, turned=isinstance(claim, Cycles) and claim.T is not None)) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
-    claim = read_claim(check, problem, W)
     if isinstance(claim, Cycles):
         return not_as_claimed(check, problem, claim.rate, claim, domain) or why_not_cycles(problem, W, claim)
     return "a settling time has no rate" if check.rate is not None else why_not(problem, W, claim)
@@ -87,7 +95,7 @@ def not_as_claimed(
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cycles:
     """What a proved check of this topic claims, for this problem."""
     if check.id == "schedule":
-        return cycles_from_json(check.exact, problem)
+        return cycles_from_json(check.exact, problem, turned="T" in (check.exact or ()))
     radius, disturbance = read_domain(check.domain, problem, kind="box")
     values = read_object(check.exact, ("tolerance", "time", "tube", "last"))
     last = read_object(values["last"], ("kind", "level", "height", "stretch", "certificate"))
@@ -127,18 +135,27 @@ def tube_from_json(data: object, problem: Problem) -> Tube:
     return Tube(times=times, upper=upper, lower=lower, error=error)
 
 
-def cycles_from_json(data: object, problem: Problem) -> Cycles:
-    """Read ``Cycles.to_json`` back for this problem; raises as ``read_claim``."""
-    values = read_object(data, ("rate", "rho", "phases", *observed_in(problem)))
+def cycles_from_json(data: object, problem: Problem, *, turned: bool = False) -> Cycles:
+    """Read ``Cycles.to_json`` back for this problem, ``turned`` with T; raises as ``read_claim``."""
+    own = ("T", "ranges") if turned else ()
+    values = read_object(data, ("rate", "rho", "phases", *own, *observed_in(problem)))
     phases = list[Weights]()
     for each in values["phases"]:
         one = read_object(each, ("times", "v"))
         if not all(isinstance(one[name], list) and len(one[name]) <= MOST_TIMES for name in ("times", "v")):
             raise ValueError(f"times and v must be lists of at most {MOST_TIMES}")
-        v = tuple(tuple(vector_from_json(weights, problem.n)) for weights in one["v"])
+        size = problem.n * (problem.m if turned else 1)
+        v = tuple(tuple(vector_from_json(weights, size)) for weights in one["v"])
         phases.append(Weights(times=tuple(read_rational(x) for x in one["times"]), v=v))
     rate, rho = (None if values[name] is None else read_rational(values[name]) for name in ("rate", "rho"))
-    return Cycles(phases=tuple(phases), rate=rate, rho=rho, error=error_from_json(values, problem))
+    return Cycles(
+        phases=tuple(phases),
+        rate=rate,
+        rho=rho,
+        error=error_from_json(values, problem),
+        T=form_from_json(values["T"]) if turned else None,
+        ranges=ranges_from_json(values["ranges"], problem, rho) if turned else (),
+    )
 
 
 def settling_of(problem: Problem, claim: Descent, reason: str) -> Settling:

@@ -6,6 +6,9 @@ N <= rho, up to max_i |C eps_i| / v_i; and for every t at which it may end, v^p(
 successor q.  With kappa (beta - rate) min v >= 1, V = N + kappa E falls at least by exp(-rate t) over each phase and
 never rises.  A phase without a longest time keeps its last weights, and there N falls at the rate.
 
+In coordinates z_i = T e_i (``separable.coordinates``) weights have an entry for each component of z; gains of fixed
+``ranges`` make rows that are convex in v, and hold on a segment where they hold at its ends.
+
 Without weights the claim has no rate: couplings rise as far out as 2 rho, strictly at 0, every cycle of phases reaches
 every agent from a pin, and with v = 1 (kappa beta >= 1) V <= rho holds for ever; then every error decays.
 """
@@ -16,6 +19,7 @@ import bisect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import accumulate, combinations, pairwise
 from typing import Any, Final
 
@@ -23,14 +27,23 @@ import numpy as np
 
 from dobc_design._show.cards import Shown
 from dobc_design.conditions.numbers import vector_to_json
+from dobc_design.conditions.quadratic.sectors import GainRange, ranges_to_json
 from dobc_design.conditions.schedule.rows import Box, moving_rows
-from dobc_design.conditions.separable.claim import ErrorBound, acts_by_component, holding_gains
+from dobc_design.conditions.separable.claim import (
+    ErrorBound,
+    acts_by_component,
+    holding_gains,
+    require_coordinates,
+    spread,
+)
+from dobc_design.conditions.separable.coordinates import gains_obstacle, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import error_bound_obstacle
 from dobc_design.coupling.enclosures import Curve, jet, profile
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import Interval, UndefinedError, exp
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below, number_text
+from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 
 ZERO, ONE = Fraction(0), Fraction(1)
@@ -131,7 +144,8 @@ def guarantee_in_words(problem: Problem) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Weights(Shown):
-    """Weights of one phase at ``times`` (s) from its beginning, linear in between: one entry > 0 per agent."""
+    """Weights of one phase at ``times`` (s) from its beginning, linear in between: one entry > 0 per agent, or per
+    component of z."""
 
     times: Vector
     v: tuple[Vector, ...]
@@ -140,17 +154,21 @@ class Weights(Shown):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cycles:
     """A claim as above: weights phase by phase, ``rate`` (1/s), ``rho`` (None: linear couplings, every rho), the
-    observer's ``error`` (None without an exosystem); by the graphs alone without phases and rate.  Raises: SpecError
+    observer's ``error`` (None without an exosystem); by the graphs alone without phases and rate; in coordinates with
+    ``T`` and ``ranges``.  Raises: SpecError
     unless weights, rate and rho are > 0, times rise from 0, and there are both phases and a rate, or neither."""
 
     phases: tuple[Weights, ...]
     rate: Fraction | None
     rho: Fraction | None
     error: ErrorBound | None = None
+    T: Matrix | None = None
+    ranges: tuple[GainRange, ...] = ()
 
     def __post_init__(self) -> None:
-        if (self.rate is None) is bool(self.phases):
-            raise SpecError("a rate belongs to weights, and weights to a rate.", key="rate")
+        require_coordinates(self.T)
+        if (self.rate is None) is bool(self.phases) or (self.T is not None and not self.phases):
+            raise SpecError("a rate belongs to weights, weights to a rate, and T to weights.", key="rate")
         if min(x for x in (self.rate, self.rho, ONE) if x is not None) <= 0:
             raise SpecError("rate and rho must be > 0.", key="rate")
         for each in self.phases:
@@ -166,6 +184,16 @@ class Cycles:
         return min((x for each in self.phases for v in each.v for x in v), default=ONE)
 
     @property
+    def tallest(self) -> Vector:
+        """The largest weights of all phases and times, entry by entry."""
+        return tuple(map(max, zip(*(v for each in self.phases for v in each.v), strict=True)))
+
+    def spread(self, problem: Problem) -> Fraction:
+        """The largest N of errors with |e|_inf <= 1, in any phase that may be first."""
+        begun = zip(phases_of(problem), self.phases, strict=bool(self.phases))
+        return max((spread(self.T, each.v[0]) for phase, each in begun if phase.first), default=ONE)
+
+    @property
     def most(self) -> Fraction:
         """The largest weight of all phases and times; 1 where there are none."""
         return max((x for each in self.phases for v in each.v for x in v), default=ONE)
@@ -178,6 +206,8 @@ class Cycles:
                 {"times": vector_to_json(each.times), "v": [vector_to_json(v) for v in each.v]} for each in self.phases
             ],
         }
+        if self.T is not None:
+            values |= {"T": matrix_text(self.T), "ranges": ranges_to_json(self.ranges)}
         return values if self.error is None else values | self.error.to_json()
 
 
@@ -190,8 +220,7 @@ def holds_starts(problem: Problem, claim: Cycles, *, radius: Fraction, disturban
     """Whether every start |e|_inf <= radius, |eps_i| <= disturbance has V <= rho, in every phase that may be first."""
     if claim.rho is None:
         return True
-    begun = zip(phases_of(problem), claim.phases, strict=bool(claim.phases))
-    room = claim.rho - radius / min((x for phase, each in begun if phase.first for x in each.v[0]), default=ONE)
+    room = claim.rho - radius * claim.spread(problem)
     if claim.error is None:
         return room >= 0
     return room >= 0 and (claim.error.kappa * disturbance) ** 2 * claim.error.size <= room**2
@@ -200,9 +229,11 @@ def holds_starts(problem: Problem, claim: Cycles, *, radius: Fraction, disturban
 def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[bool, str]]:
     phases = phases_of(problem)
     yield bool(phases), "there is no guarantee, or only one mode."
-    yield acts_by_component(problem), "couplings have to act on each state component by itself."
+    turned, size = claim.T is not None, problem.n * len(claim.T or (1,))
+    yield not turned or len(claim.T or ()) == problem.m, "T needs one row per state component."
+    yield turned or acts_by_component(problem), "couplings have to act on each state component by itself."
     yield len(claim.phases) in (0, len(phases)), "there must be weights for every phase."
-    yield all(len(v) == problem.n for each in claim.phases for v in each.v), "weights must have one entry per agent."
+    yield all(len(v) == size for each in claim.phases for v in each.v), "weights must have an entry for each row."
     yield from holds_observer(problem, W, claim, claim.rate)
     if not claim.phases or claim.rate is None:
         yield from rises(problem, claim.rho)
@@ -210,6 +241,9 @@ def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[
         if missed is not None:
             yield False, f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
         return
+    if claim.T is not None:
+        wrong = gains_obstacle(problem, claim.T, claim.tallest, claim.rho, claim.ranges)
+        yield wrong is None, str(wrong)
     for p, (phase, each) in enumerate(zip(phases, claim.phases, strict=True)):
         where = f"phase {p + 1} (mode {phase.mode})"
         yield phase.shortest in each.times, f"{where}: its shortest time has to be among the times."
@@ -224,6 +258,8 @@ def holds_observer(
 ) -> Iterator[tuple[bool, str]]:
     """Rho and the observer's part of a claim, at this rate: whether each condition holds, and what it is."""
     exosystem = problem.joint_exosystem
+    if claim.T is not None:
+        exosystem, W = seen_through(problem, claim.T, W)
     yield claim.rho is not None or problem.is_linear, "without rho couplings have to be linear."
     yield (claim.error is not None) == (exosystem is not None), "P, beta, kappa and size belong to an [exosystem]."
     if exosystem is not None and claim.error is not None:
@@ -303,6 +339,8 @@ def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:
 
 def _open(problem: Problem, phase: Phase, each: Weights, claim: Cycles) -> bool:
     """Whether a row of the phase is not proved."""
+    if claim.T is not None:
+        return _open_in_coordinates(problem, phase, each, claim, claim.T)
     reach = ONE if claim.rho is None else claim.rho
     rows = moving_rows(problem, reach * max(x for v in each.v for x in v), [phase.mode])
     if rows is None:
@@ -316,3 +354,13 @@ def _open(problem: Problem, phase: Phase, each: Weights, claim: Cycles) -> bool:
     last = Box.of([each.v[-1]] * 2, [each.v[-1]] * 2)
     falls = np.array([[[float_below(-(claim.rate or ZERO) * x) for x in each.v[-1]]] * 2])
     return bool(rows.open_for(last, falls, np.zeros(2), low=low, high=high))
+
+
+def _open_in_coordinates(problem: Problem, phase: Phase, each: Weights, claim: Cycles, T: Matrix) -> bool:
+    """The same for rows in coordinates, at both ends of every segment."""
+    rests = [] if phase.longest is not None else [(each.v[-1], tuple(-(claim.rate or ZERO) * x for x in each.v[-1]))]
+    for (a, b), (v, w) in zip(pairwise(each.times), pairwise(each.v), strict=True):
+        slopes = tuple((y - x) / (b - a) for x, y in zip(v, w, strict=True))
+        rests += [(v, slopes), (w, slopes)]
+    rows = partial(slowest_row, problem, T, ranges=claim.ranges, modes=[phase.mode])
+    return any(rows(v, load=tuple(-x for x in slopes)).rate < 0 for v, slopes in rests)

@@ -27,6 +27,7 @@ from dobc_design.conditions.schedule.cycles import Cycles, Round, why_not
 from dobc_design.conditions.schedule.propose_cycles import ACCURACY, Chords
 from dobc_design.conditions.schedule.rows import Box, MovingRows
 from dobc_design.conditions.separable.claim import ErrorBound, Separable
+from dobc_design.conditions.separable.coordinates import seen_through
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.conditions.separable.propose import first_certificate, propose_separable
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, with_kappa
@@ -73,9 +74,10 @@ class Asked:
     tolerance: Fraction
 
 
-def observed(problem: Problem, W: Matrix | None) -> ErrorBound | None:
-    """P, beta, size of the observer, and a kappa for weights of at least 1; None if none is found, or needed."""
-    exosystem = problem.joint_exosystem
+def observed(problem: Problem, W: Matrix | None, T: Matrix | None = None) -> ErrorBound | None:
+    """P, beta, size of the observer, and a kappa for weights of at least 1 (of T e); None if none is found, or
+    needed."""
+    exosystem, W = (problem.joint_exosystem, W) if T is None else seen_through(problem, T, W)
     if exosystem is None or W is None:
         return None
     error = propose_error_bound(exosystem, W, rate=OBSERVER * decay_rate(exosystem, W))

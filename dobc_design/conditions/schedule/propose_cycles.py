@@ -7,21 +7,27 @@ fast as their rows allow.  Where iterates of x = max (1, G(x)) settle, they serv
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Any, Final
 
 import numpy as np
 from scipy.linalg import expm
 
+from dobc_design.conditions.numbers import rounded_up
 from dobc_design.conditions.schedule.cycles import ZERO, Cycles, Phase, Weights, phases_of, why_not
 from dobc_design.conditions.schedule.rows import MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import ErrorBound
+from dobc_design.conditions.separable.coordinates import enclosed_ranges
+from dobc_design.conditions.separable.propose_coordinates import Agents, Gains, candidates, in_floats
 from dobc_design.conditions.separable.propose_observer import with_kappa
-from dobc_design.exact.matrix import Matrix
+from dobc_design.errors import SpecError
+from dobc_design.exact.interval import UndefinedError
+from dobc_design.exact.matrix import Matrix, to_float
+from dobc_design.exact.number import root_above
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
@@ -125,9 +131,37 @@ TRIED_CURVED: Final = (
 ROOM: Final = 0.998  # of a rate, that is claimed
 ENDS: Final = 24  # parts of the times at which a phase may end
 MOST_STEPS: Final = 500
+MOST_COORDINATES: Final = 3
+ROUNDS: Final = 4  # of weights and gains in turn
+WIDER: Final = 1.05  # than the largest weights seen
 TAILS: Final = 8  # times that a phase without an end is doubled until its rows hold with weights at rest
 
 Way = list[tuple[Fraction, Array]]  # times (s) from the beginning of a phase, and weights there
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Turned:
+    """Rows of a mode in coordinates z = T e, for fixed gains."""
+
+    agents: Agents
+    T: Array
+    gains: Gains
+
+    @classmethod
+    def of(cls, problem: Problem, T: Matrix, gains: Gains) -> dict[str, _Turned]:
+        agents = Agents.of(problem, most=problem.n)
+        each = zip(problem.network.modes, agents.modes, strict=True)
+        return {mode: cls(agents=replace(agents, modes=(arcs,)), T=to_float(T), gains=gains) for mode, arcs in each}
+
+    def matrix(self) -> Array:
+        """What the slopes are for weights of 1, as a matrix."""
+        ones = np.ones((self.agents.size, len(self.T)))
+        return np.asarray(self.agents.rows(self.T, self.gains, ones)[1].toarray())
+
+    def pull(self, v: Array, _: Sequence[float]) -> Array:
+        """The slopes (count, n m) that the rows ask of weights v (count, n m)."""
+        m = len(self.T)
+        return np.array([self.agents.rows(self.T, self.gains, each.reshape(-1, m))[0].ravel() for each in v])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -135,7 +169,7 @@ class _Flow:
     """How the weights of a phase fall."""
 
     phase: Phase
-    rows: MovingRows
+    rows: MovingRows | _Turned
     sizes: tuple[float, ...]
     slack: float
     pace: float  # 1/s, about the rate
@@ -173,29 +207,88 @@ def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: 
     if len(known) < len(rows):
         return
     sizes = (1.0,) if rho is None else tuple(part * float(rho) for part in SIZES)
-    linear = _Linear.of(problem, phases)
-    top = 0.0 if linear is None else linear.estimate(problem.n)
-    if linear is None or not top > 0:
+    linear = _Linear.at_the_target(problem, phases)
+    claims = () if linear is None else _drafts(phases, known, linear, sizes=sizes, rho=rho, error=error)
+    yield from islice((claim for claim in claims if why_not(problem, W, claim) is None), 1)
+
+
+def propose_in_coordinates(
+    problem: Problem,
+    W: Matrix | None,
+    *,
+    box: tuple[Fraction, Fraction] | None,
+    observed: Callable[[Matrix], ErrorBound | None],
+) -> Iterator[Cycles]:
+    """The same in coordinates z = T e, for starts |e|_inf, |eps_i| <= those of ``box``; None: linear couplings."""
+    phases, agents = phases_of(problem), Agents.of(problem, most=problem.n)
+    ones, found = np.ones((problem.n, problem.m)), dict[Matrix, float]()
+    near = agents.gains_at(np.eye(problem.m), ones, float(box[0] if box else 1))
+    if near is None:
         return
+    for T in candidates(agents, near):
+        if T is not None and T not in found:
+            found[T] = _Linear.of(phases, _Turned.of(problem, T, near)).estimate(problem.n * problem.m)
+    for T in sorted((T for T in found if found[T] > 0), key=lambda T: -found[T])[:MOST_COORDINATES]:
+        error, size = observed(T), max(sum(map(abs, row), ZERO) for row in T)
+        if problem.groups and error is None:
+            continue
+        far = None if box is None else rounded_up(size * box[0] + 2 * box[1] * _share(error), digits=6)
+        tallest = np.ones(problem.n * problem.m)
+        for _ in range(1 if box is None else ROUNDS):
+            v = tuple(rounded_up(Fraction(x), digits=6) for x in tallest.tolist())
+            try:
+                ranges = enclosed_ranges(problem, T, v, far)
+            except (UndefinedError, SpecError):
+                break
+            rows = _Turned.of(problem, T, in_floats(ranges))
+            drafts = _drafts(phases, rows, _Linear.of(phases, rows), sizes=(1.0,), rho=far, error=error)
+            draft = next(drafts, None)
+            if draft is None:
+                break
+            claim = replace(draft, T=T, ranges=enclosed_ranges(problem, T, draft.tallest, far))
+            if why_not(problem, W, claim) is None:
+                yield claim
+                return
+            tallest = np.maximum(tallest, WIDER * np.array([float(x) for x in draft.tallest]))
+
+
+def _share(error: ErrorBound | None) -> Fraction:
+    """What an estimation error of 1 adds to V."""
+    return ZERO if error is None else error.kappa * root_above(error.size, unit=10**6)
+
+
+def _drafts(
+    phases: Sequence[Phase],
+    known: Mapping[str, MovingRows | _Turned],
+    linear: _Linear,
+    *,
+    sizes: tuple[float, ...],
+    rho: Fraction | None,
+    error: ErrorBound | None,
+) -> Iterator[Cycles]:
+    """Claims for these rows, the fastest first."""
+    size = len(linear.ways[0][0][1])
+    top, steepest = linear.estimate(size), STEEPEST if rho is None else max(FAR, FAR / float(rho))
     for part, slack, bend in TRIED if rho is None else TRIED_CURVED:
         most = top if error is None else min(top, float(error.beta))
         rate, faster = part * most, (1 + part) / 2 * most
+        if not top > 0:
+            return
         flows = [
             _Flow(phase=phase, rows=known[phase.mode], sizes=sizes, slack=slack, pace=top, bend=bend)
             for phase in phases
         ]
-        ones = [np.ones(problem.n) for _ in phases]
+        ones = [np.ones(size) for _ in phases]
         x = _settled(partial(linear.step, rate=faster), ones, most=steepest, steps=10 * ITERATIONS)
         x = None if x is None else _settled(partial(_step, flows, rate=rate), x, most=steepest, steps=FOLLOWED)
         claim = None if x is None else _claim(flows, x, rate, rho, error)
-        if claim is not None and why_not(problem, W, claim) is None:
+        if claim is not None:
             yield claim
-            return
 
 
 def late_rate(problem: Problem) -> float:
     """About the largest rate (1/s) near the target; 0 where none is seen."""
-    linear = _Linear.of(problem, phases_of(problem))
+    linear = _Linear.at_the_target(problem, phases_of(problem))
     return 0.0 if linear is None else linear.estimate(problem.n)
 
 
@@ -231,15 +324,25 @@ class _Linear:
     ways: Sequence[Way]  # of each phase: times at which it may end, and the map until then
 
     @classmethod
-    def of(cls, problem: Problem, phases: Sequence[Phase]) -> _Linear | None:
-        ways, m = list[Way](), problem.m
-        for phase in phases:
-            jacobian = consensus_jacobian(problem, phase.mode)
+    def at_the_target(cls, problem: Problem, phases: Sequence[Phase]) -> _Linear | None:
+        found, m, K = dict[str, Array](), problem.m, pinning_matrix(problem)
+        for mode in {phase.mode for phase in phases}:
+            jacobian = consensus_jacobian(problem, mode)
             if jacobian is None:
                 return None
-            M = np.asarray((jacobian - pinning_matrix(problem)).todense())[::m, ::m]
+            found[mode] = np.asarray((jacobian - K).todense())[::m, ::m]
+        return cls.along(phases, found)
+
+    @classmethod
+    def of(cls, phases: Sequence[Phase], rows: Mapping[str, _Turned]) -> _Linear:
+        return cls.along(phases, {mode: each.matrix() for mode, each in rows.items()})
+
+    @classmethod
+    def along(cls, phases: Sequence[Phase], M: Mapping[str, Array]) -> _Linear:
+        ways = list[Way]()
+        for phase in phases:
             last = phase.shortest * 2 if phase.longest is None else phase.longest
-            ways.append([(t, expm(M * float(t))) for t in _ends(phase.shortest, last)])
+            ways.append([(t, expm(M[phase.mode] * float(t))) for t in _ends(phase.shortest, last)])
         return cls(phases=phases, ways=ways)
 
     def step(self, x: Sequence[Array], rate: float) -> list[Array]:

@@ -218,10 +218,11 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     if not phases_of(problem):
         return []
     undecided = partial(undecided_check, "schedule", asked.domain)
-    if (reason := obstacle(problem, W)) is not None:
+    turned = not acts_by_component(problem)
+    if (reason := obstacle(problem, W, turned=turned)) is not None:
         return [undecided(reason)]
     report("following the weights from mode to mode")
-    for search in (_weighted_cycles, _bare_cycles):
+    for search in (_turned_cycles,) if turned else (_weighted_cycles, _bare_cycles):
         try:
             with at_most(STAGE), surviving("no weights under the guarantee"):
                 spend(0)
@@ -230,7 +231,7 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
                     return [cycles_check(problem, W, claim, asked)]
         except WorkLimitError as limit:
             logger.warning("no weights under the guarantee: %s", limit)
-    missed = next(unreached_cycles(problem, phases_of(problem)), None)
+    missed = None if turned else next(unreached_cycles(problem, phases_of(problem)), None)
     reason = f"no weights are found that fall for {guarantee_in_words(problem)}."
     if missed is not None:
         reason = f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
@@ -250,6 +251,16 @@ def _weighted_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycle
         return None
     rho = None if problem.is_linear else _reach(asked, error, 2)
     claims = propose_cycles.propose(problem, W, rho=rho, error=error)
+    return next((each for each in claims if holds_starts(problem, each, radius=box[0], disturbance=box[1])), None)
+
+
+def _turned_cycles(problem: Problem, W: Matrix | None, asked: Region) -> Cycles | None:
+    """The same in coordinates."""
+    box = claimed(asked.radius), claimed(asked.disturbance)
+    if problem.n * problem.m > MOST_ROWS:
+        return None
+    seen = partial(propose.observed, problem, W)
+    claims = propose_cycles.propose_in_coordinates(problem, W, box=None if problem.is_linear else box, observed=seen)
     return next((each for each in claims if holds_starts(problem, each, radius=box[0], disturbance=box[1])), None)
 
 

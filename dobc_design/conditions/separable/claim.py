@@ -82,9 +82,8 @@ class Separable:
     ranges: tuple[GainRange, ...] = ()
 
     def __post_init__(self) -> None:
+        require_coordinates(self.T)
         m = len(self.T or (1,))
-        if self.T is not None and (any(len(row) != m for row in self.T) or rank(self.T) < m or m > MOST_COMPONENTS):
-            raise ShapeError(f"T must be an invertible matrix of at most {MOST_COMPONENTS} rows.", key="T")
         if not len(self.v) or len(self.v) % m or least(self.v) <= 0:
             raise ShapeError("v must have one entry > 0 per agent, or per component of z = T e.", key="v")
         if self.alpha <= 0 or (self.rho is not None and self.rho <= 0):
@@ -98,13 +97,12 @@ class Separable:
     @property
     def spread(self) -> Fraction:
         """The largest N of errors with |e|_inf <= 1."""
-        rows = self.T or ((Fraction(1),),)
-        return max(sum(map(abs, row), Fraction(0)) / least(self.v[c :: len(rows)]) for c, row in enumerate(rows))
+        return spread(self.T, self.v)
 
     @property
     def reach(self) -> Fraction:
         """The largest |e|_inf of errors with N <= 1."""
-        return max(self.v) if self.T is None else max(map(max, error_sizes(self.T, self.v)))
+        return reach(self.T, self.v)
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved max-separable check."""
@@ -116,6 +114,24 @@ class Separable:
         if self.T is not None:
             values |= {"T": matrix_text(self.T), "ranges": ranges_to_json(self.ranges)}
         return values if self.error is None else values | self.error.to_json()
+
+
+def require_coordinates(T: Matrix | None) -> None:
+    """Raise ShapeError unless T is None or invertible, of few rows."""
+    m = len(T or ())
+    if T is not None and (any(len(row) != m for row in T) or rank(T) < m or not 0 < m <= MOST_COMPONENTS):
+        raise ShapeError(f"T must be an invertible matrix of at most {MOST_COMPONENTS} rows.", key="T")
+
+
+def spread(T: Matrix | None, v: Vector | Doubles) -> Fraction:
+    """The largest N of errors with |e|_inf <= 1, for weights v of e or of T e."""
+    rows = T or ((Fraction(1),),)
+    return max(sum(map(abs, row), Fraction(0)) / least(v[c :: len(rows)]) for c, row in enumerate(rows))
+
+
+def reach(T: Matrix | None, v: Sequence[Fraction]) -> Fraction:
+    """The largest |e|_inf of errors with N <= 1."""
+    return max(v) if T is None else max(map(max, error_sizes(T, v)))
 
 
 def error_sizes(T: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:
@@ -180,8 +196,8 @@ def separable_from_json(exact: object, problem: Problem, *, turned: bool = False
         T=form_from_json(values["T"]) if turned else None,
         ranges=ranges_from_json(values["ranges"], problem, rho) if turned else (),
     )
-    if len(found.T or (1,)) != m or any([len(row) for row in each.entries] != [m] * m for each in found.ranges):
-        raise ValueError("T and the gains of every coupling need one row and one column per state component")
+    if len(found.T or (1,)) != m:
+        raise ValueError("T needs one row and one column per state component")
     return found
 
 

@@ -81,29 +81,47 @@ def enclosed_ranges(problem: Problem, T: Matrix, v: Sequence[Fraction], rho: Fra
 
 
 def rows_obstacle(problem: Problem, claim: Separable, *, load: Vector = ()) -> str | None:
-    """Why the rows of a claim with T, ``load`` (m,) added, do not hold; None if they are proved.  Raises: ShapeError
+    """Why the rows of a claim with T, ``load`` (n m,) added, do not hold; None if they are proved.  Raises: ShapeError
     unless v and T fit."""
     if claim.T is None or len(claim.T) != problem.m or len(claim.v) != problem.n * problem.m:
         raise ShapeError(f"v must have {problem.n * problem.m} entries, T {problem.m} rows.", key="v")
     if claim.rho is None and not problem.is_linear:
         return "without rho every coupling has to be linear."
-    far = reaches(problem, claim.T, claim.v, Fraction(1) if claim.rho is None else claim.rho)
-    for place, _, entries in ((each.coupling, each.radius, each.entries) for each in claim.ranges):
-        if place != problem.node and sum(not x.is_point for row in entries for x in row) > MOST_FREE:
-            return f"more than {MOST_FREE} gains of a coupling vary."
-        if (reason := left_open(problem, place, entries, far[place])) is not None:
-            return reason
+    if (reason := gains_obstacle(problem, claim.T, claim.v, claim.rho, claim.ranges)) is not None:
+        return reason
     slowest = slowest_row(problem, claim.T, claim.v, claim.ranges, load=load)
     where = f"agent {problem.network.labels[slowest.agent]}, component {slowest.component + 1}, in mode {slowest.mode}"
     return None if slowest.rate >= claim.alpha else f"the row of {where} allows only {float(slowest.rate):.4g} 1/s."
 
 
+def gains_obstacle(
+    problem: Problem, T: Matrix, v: Sequence[Fraction], rho: Fraction | None, ranges: Sequence[GainRange]
+) -> str | None:
+    """Why couplings and nodes are not shown to keep to ``ranges`` where N <= rho; None if they are."""
+    far = reaches(problem, T, v, Fraction(1) if rho is None else rho)
+    if far.keys() - {each.coupling for each in ranges}:
+        return "the gains of a coupling are missing."
+    for place, _, entries in ((each.coupling, each.radius, each.entries) for each in ranges):
+        if place != problem.node and sum(not x.is_point for row in entries for x in row) > MOST_FREE:
+            return f"more than {MOST_FREE} gains of a coupling vary."
+        if (reason := left_open(problem, place, entries, far[place])) is not None:
+            return reason
+    return None
+
+
 def slowest_row(
-    problem: Problem, T: Matrix, v: Sequence[Fraction], ranges: Sequence[GainRange], *, load: Vector = ()
+    problem: Problem,
+    T: Matrix,
+    v: Sequence[Fraction],
+    ranges: Sequence[GainRange],
+    *,
+    load: Vector = (),
+    modes: Sequence[str] | None = None,
 ) -> Slowest:
-    """The least rate that a row allows, ``load`` (m,) added, exactly, in integers where denominators are short."""
+    """The least rate that a row of these modes (default: all) allows, ``load`` (n m,) added, exactly, in integers where
+    denominators are short."""
     m, table, (weights, bottom) = problem.m, {each.coupling: each.entries for each in ranges}, _integers(v)
-    added = [x * bottom for x in load] or [Fraction(0)] * m
+    added = [x * bottom for x in load] or [Fraction(0)] * len(weights)
     own = [weights[first : first + m] for first in range(0, len(weights), m)]
     signs = [[sign for sign in product((1, -1), repeat=m) if sign[c] > 0] for c in range(m)]
     corners = {place: _corners(T, entries) for place, entries in table.items() if place != problem.node}
@@ -126,7 +144,8 @@ def slowest_row(
         return [(c, [[sum(map(mul, g, at)) for g in row] for at in x[c]]) for c, row in scaled[place].items()]
 
     alone, found = _rows_alone(problem, T, own, signs, table), list[Slowest]()
-    for mode, arcs in problem.network.modes.items():
+    for mode in problem.network.modes if modes is None else modes:
+        arcs = problem.network.modes[mode]
         spend(len(arcs) * m * 2 ** (m - 1) * max((len(rows[0]) for rows in corners.values()), default=1) // _A_STEP)
         factors, over = _integers(arcs.weights)
         totals = [[[0] * len(each) for each in signs] for _ in own]
@@ -141,7 +160,7 @@ def slowest_row(
         for i, (of_arcs, of_own) in enumerate(zip(totals, alone, strict=True)):
             for c in range(m):
                 worst = max(x + Fraction(y) / (unit * over) for x, y in zip(of_own[c], of_arcs[c], strict=True))
-                found.append(Slowest(-(worst + added[c]) / own[i][c], i, c, mode))
+                found.append(Slowest(-(worst + added[i * m + c]) / own[i][c], i, c, mode))
         found = [min(found)]
     return found[0]
 

@@ -7,7 +7,7 @@ that is largest at the last v finds the v with the best rate.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
@@ -18,7 +18,7 @@ from scipy import linalg, sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import rounded_down, rounded_up
-from dobc_design.conditions.quadratic.sectors import gains_at
+from dobc_design.conditions.quadratic.sectors import GainRange, gains_at
 from dobc_design.conditions.separable.claim import MOST_COMPONENTS, ErrorBound, Separable
 from dobc_design.conditions.separable.coordinates import MOST_FREE, enclosed_ranges, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle
@@ -119,7 +119,11 @@ class Agents:
 
     def gains_at(self, T: Array, v: Array, rho: float) -> Gains | None:
         """The gains where N <= rho, three digits further; None where a coupling is not defined, or has too many."""
-        sizes, far, found = rho * np.vstack([v, 0 * v[:1]]) @ np.abs(np.linalg.inv(T)).T, dict[int, Array](), {}
+        sizes, far, found = (
+            rho * np.vstack([v, 0 * v[:1]]) @ np.abs(np.linalg.inv(T)).T,
+            dict[int, Array](),
+            list[GainRange](),
+        )
         for place, i, j, _, _ in (group for groups in self.modes for group in groups):
             far[place] = np.maximum(far.get(place, 0.0), np.max(sizes[i] + sizes[j], axis=0))
         if self.problem.node is not None:
@@ -132,8 +136,14 @@ class Agents:
                 return None
             if place != self.problem.node and sum(not x.is_point for row in entries for x in row) > MOST_FREE:
                 return None
-            found[place] = np.array([[[float(x.lo), float(x.hi)] for x in row] for row in entries]).transpose(2, 0, 1)
-        return found
+            found.append(GainRange(coupling=place, radius=None, entries=entries))
+        return in_floats(found)
+
+
+def in_floats(ranges: Sequence[GainRange]) -> Gains:
+    """Gains that a claim states."""
+    ends = {x.coupling: np.array([[[float(y.lo), float(y.hi)] for y in row] for row in x.entries]) for x in ranges}
+    return {place: each.transpose(2, 0, 1) for place, each in ends.items()}
 
 
 def _corners(T: Array, S: Array, ends: Array) -> Array:

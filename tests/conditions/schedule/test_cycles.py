@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from checker_cases import accepted_by
+from scipy.linalg import expm
 
 from dobc_design import Network, Problem, Switching, Verdict, certify, certify_settling, simulate
 from dobc_design.certificate.text import certificate_bytes
@@ -22,6 +23,7 @@ from dobc_design.conditions.schedule.cycles import (
     why_not,
 )
 from dobc_design.errors import SpecError
+from dobc_design.problem.dynamics import Dynamics
 
 HALF, ONE, TWO = Fraction(1, 2), Fraction(1), Fraction(2)
 PAPER = "exp(y) - 1 + y"
@@ -241,3 +243,37 @@ def test_what_holds_for_every_signal_carries_the_verdict_also_where_it_is_slower
     assert found.claims.covered_by not in ("schedule", None)
     assert "arbitrary switching" in found.reason
     assert recheck(found.claims, found.problem).holds
+
+
+@pytest.mark.parametrize(
+    ("coupling", "region"),
+    [("y1", None), pytest.param("tanh(y1)", {"initial_states": ["-1/20", "1/20"]}, marks=pytest.mark.slow)],
+)
+def test_double_integrators_that_are_never_connected(coupling: str, region: Any):
+    """p'' = h(p_j - p_i) - 3 p' (- p of the first): the rate is close to that of the exact flow over a round."""
+    dynamics, gains = Dynamics(A=[[0, 1], [0, -3]], B=[[0], [1]]), {1: [[1, 0]]}
+    turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=2)
+    network = Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
+    own = Problem(
+        network=network,
+        coupling=coupling,
+        gains=gains,
+        target=[0, 0],
+        region=region,
+        switching=turns,
+        dynamics=dynamics,
+    )
+    result = certify(own)
+    check, round_ = schedule_of(result), np.eye(6)
+    assert result.verdict is check.verdict is Verdict.PROVED
+    for i, j in ((2, 1), (1, 0)):
+        L = np.zeros((3, 3))
+        L[i, i], L[i, j], L[0, 0] = 1, -1, 1
+        A = np.kron(np.eye(3), [[0.0, 1.0], [0.0, -3.0]]) - np.kron(L, [[0.0, 0.0], [1.0, 0.0]])
+        round_ = expm(2 * A) @ round_
+    rate = -np.log(max(abs(np.linalg.eigvals(round_)))) / 4
+    assert (0.96 if region is None else 0.1) * rate <= float(check.rate) <= rate
+    assert accepted_by(json.loads(certificate_bytes(result.claims)), own) == (True, True)
+    assert result.weights == ()
+    run = simulate(own, start={"x": [[0.05, -0.05]] * 3}, t_final=12)
+    assert np.all(np.abs(run.x).max(axis=(1, 2)) <= result.envelope(run)(run.times) + 1e-12)

@@ -153,7 +153,7 @@ def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported
 
 def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.certificate.certificate import Certificate
-    from dobc_design.export.rocq import rocq_proof
+    from dobc_design.export.rocq.matrices import rocq_proof
     from dobc_design.problem.load import load_problem
 
     certificate = Path(file)

@@ -57,10 +57,10 @@ class Square:
     others: Mapping[int, Fraction]
 
 
-def squares_of(M: SparseSymmetric) -> tuple[Square, ...] | None:
-    """The squares M is the sum of, pivots by least degree, then least index; None if M is not positive definite."""
+def squares_of(M: SparseSymmetric, *, strict: bool = True) -> tuple[Square, ...] | None:
+    """The squares M is the sum of, pivots by least degree, then least index; None unless M > 0 (strict) or M >= 0."""
     steps: list[Step] = []
-    if _eliminate(M.rows(), steps, strict=True, most_work=None) is not None:
+    if _eliminate(M.rows(), steps, strict=strict, most_work=None) is not None:
         return None
     return tuple(Square(weight, pivot, dict(sorted(others.items()))) for pivot, weight, others in steps)
 

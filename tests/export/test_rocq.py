@@ -21,7 +21,7 @@ from dobc_design.exact.cholesky import squares_of
 from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import scale
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.export.rocq import rocq_proof
+from dobc_design.export.rocq.matrices import rocq_proof
 from dobc_design.problem.canonical import problem_sha256
 
 BUILTINS = ("paper-fixed", "paper-switching", "clock-sync", "microgrid-ieee14", "uav-swarm")

@@ -78,11 +78,8 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
     decay rate.  The same certificate gives the same text. Raises: SpecError if that is not proved in the certificate,
     if a slope h'(0) is irrational, if the problem is too large for Coq, or if the numbers in the certificate do not
     prove what it claims. Source: theory, sections 2 and 3.  Tested with Coq 8.16."""
-    certificate.problem.require_integrators("a proof for Rocq")
+    require_own(certificate)
     problem, claims = certificate.problem, certificate.claims
-    if claims.problem_sha256 != problem_sha256(problem):
-        message = "the certificate is about another problem: its hash differs."
-        raise SpecError(message, key="problem_sha256", cure="Give the problem it was made for.")
     id = _proved_id(certificate)
     statements = state_theorems(problem)
     jacobians = _rational_jacobians(statements)
@@ -112,7 +109,7 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
         for mode in jacobians.modes
     ]
     gains = {gain: f"gain_{place}" for place, gain in enumerate(dict.fromkeys(problem.pinning.gains.values()), start=1)}
-    return template("theorem.v.j2").render(
+    return template("rocq_matrices.v.j2").render(
         head=_head(certificate, KINDS[id].short),
         id=id,
         title=KINDS[id].short,
@@ -128,6 +125,14 @@ def rocq_proof(certificate: Certificate, *, rate: bool = False) -> str:
         rate=claimed_rate,
         **{each.__name__: each for each in (comment, number, matrix, wrapped_list, square_list)},
     )
+
+
+def require_own(certificate: Certificate) -> None:
+    """Raise SpecError for agents with [dynamics], and for a certificate about another problem."""
+    certificate.problem.require_integrators("a proof for Rocq")
+    if certificate.claims.problem_sha256 != problem_sha256(certificate.problem):
+        message = "the certificate is about another problem: its hash differs."
+        raise SpecError(message, key="problem_sha256", cure="Give the problem it was made for.")
 
 
 def _head(certificate: Certificate, title: str) -> str:

@@ -24,6 +24,7 @@ class _Asked(NamedTuple):
     certificate: Path | None
     problem: str | None
     rate: bool
+    theorem: bool
     force: bool
 
 
@@ -39,7 +40,10 @@ def export(
     python_control: Annotated[
         Path | None, typer.Option("--python-control", help="Write the loop as a Python file for python-control.")
     ] = None,
-    rocq: Annotated[Path | None, typer.Option(help="Write the proved theorem as a Rocq (Coq) file here.")] = None,
+    rocq: Annotated[
+        Path | None,
+        typer.Option(help="Write what is proved as a Rocq (Coq) file here: of all motions, or of a matrix."),
+    ] = None,
     period: Annotated[str | None, typer.Option(help="With --c, --fmu: seconds from sample to sample.")] = None,
     precision: Annotated[str | None, typer.Option(help="With --c: double (default) or float.")] = None,
     agent: Annotated[str | None, typer.Option(help="With --c, --fmu: only the agent of this label.")] = None,
@@ -48,11 +52,15 @@ def export(
     ] = None,
     problem: Annotated[str | None, typer.Option(help="With --rocq: problem; default problem.json beside it.")] = None,
     rate: Annotated[bool, typer.Option("--rate", help="With --rocq: also state the certified rate.")] = False,
+    theorem: Annotated[
+        bool,
+        typer.Option("--theorem", help="With --rocq: Theorem 1, 2 or Lemma 1, not the motions in the box of starts."),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Overwrite what is there.")] = False,
     as_json: output.Json = False,
 ) -> None:
     """Write C code, an FMU, the LMI for other solvers, a python-control file, or a proof for Rocq (Coq 8.16)."""
-    asked = _Asked(period, precision, agent, certificate, problem, rate, force)
+    asked = _Asked(period, precision, agent, certificate, problem, rate, theorem, force)
     targets = {
         "--c": (c, _c),
         "--fmu": (fmu, _fmu),
@@ -86,6 +94,7 @@ def _check_options(asked: _Asked, target: str) -> None:
         "--certificate": (asked.certificate, ("--c",)),
         "--problem": (asked.problem, ("--rocq",)),
         "--rate": (asked.rate or None, ("--rocq",)),
+        "--theorem": (asked.theorem or None, ("--rocq",)),
     }
     for key, (value, targets) in belongs.items():
         if value is not None and target not in targets:
@@ -154,12 +163,16 @@ def _python(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported
 def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     from dobc_design.certificate.certificate import Certificate
     from dobc_design.export.rocq.matrices import rocq_proof
+    from dobc_design.export.rocq.motions import motions_proof, proved_in_states
     from dobc_design.problem.load import load_problem
 
     certificate = Path(file)
     folder = certificate if certificate.is_dir() else certificate.parent
     claims = output.read_claims(certificate)
     trusted = load_problem(str(folder / "problem.json") if asked.problem is None else asked.problem)
-    text = rocq_proof(Certificate(problem=trusted, claims=claims), rate=asked.rate)
+    own = Certificate(problem=trusted, claims=claims)
+    progress("looking at the rows piece by piece")
+    whole = proved_in_states(own) is not None and not (asked.theorem or asked.rate)
+    text = motions_proof(own) if whole else rocq_proof(own, rate=asked.rate)
     output.write_file(target, text.encode("ascii"), key="--rocq")
     return {"rocq": str(target)}, f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"

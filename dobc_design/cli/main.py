@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand
@@ -25,6 +25,10 @@ from typer.core import TyperCommand
 from dobc_design._signals import SENTENCE
 from dobc_design.cli import certify, design, doctor, export, new, output, report, simulate, sweep
 from dobc_design.errors import CertificateError, DobcError, SpecError
+
+if TYPE_CHECKING:
+    from dobc_design.export.rocq.kernel import Judgement
+    from dobc_design.problem.problem import Problem
 
 COMPLETING = "_DOBC_COMPLETE"  # set by a shell that wants to know how a word may go on
 TOLD = ("title", "statement", "plain", "meaning", "proved", "refuted", "source")  # of a condition
@@ -136,6 +140,9 @@ app.command(cls=_Command)(certify.certify)
 def verify(
     certificate: Annotated[Path, typer.Argument(help="certificate.json, or the folder it lies in.")],
     problem: Annotated[str, typer.Option(help="The trusted problem: TOML, problem.json or a built-in name.")],
+    rocq: Annotated[
+        bool, typer.Option("--rocq", help="Let Coq check that every motion converges; writes proof.v and the report.")
+    ] = False,
     as_json: output.Json = False,
 ) -> None:
     """Check every claim of a certificate against the trusted problem, exactly."""
@@ -149,13 +156,36 @@ def verify(
     except CertificateError as error:
         # Unreadable: what was handed in is wrong, not the machine.
         raise typer.Exit(output.fail(output.error_bodies(error), output.MISTAKE, as_json=as_json)) from error
+    kernel = _let_coq_check(certificate, trusted) if rocq and found.holds else None
     if as_json:
         listed = {"confirmed": list(found.confirmed), "failures": list(found.failures)}
         verdict = {"holds": found.holds, "verdict": found.verdict.value if found.holds else None}
-        output.print_json(verdict | listed | {"lone_checker": found.lone_checker})
+        more = {} if kernel is None else {"rocq": kernel.to_json()}
+        output.print_json(verdict | listed | {"lone_checker": found.lone_checker} | more)
     else:
-        output.say(str(found))
-    raise typer.Exit(0 if found.holds else 1)
+        output.say(str(found) if kernel is None else f"{found}\n{kernel}")
+    raise typer.Exit(0 if found.holds and (kernel is None or kernel.accepted) else 1)
+
+
+def _let_coq_check(path: Path, problem: Problem) -> Judgement:
+    """What the kernel says of the motions; if it accepts them, proof.v and the report are beside the certificate."""
+    from dobc_design.certificate.certificate import Certificate
+    from dobc_design.certificate.files import write_together
+    from dobc_design.export.rocq.kernel import FILE, judged
+    from dobc_design.export.rocq.motions import motions_proof
+    from dobc_design.report.write import render_report
+
+    folder = path if path.is_dir() else path.parent
+    certificate = Certificate(problem=problem, claims=output.read_claims(path))
+    with output.Progress() as progress:
+        progress("looking at the rows piece by piece")
+        text = motions_proof(certificate)
+        progress("waiting for coqc")
+        found = judged(text)
+        if found.accepted:
+            pages = render_report(certificate, kernel=str(found), progress=progress)
+            write_together({folder / name: data for name, data in (pages | {FILE: text.encode("ascii")}).items()})
+    return found
 
 
 for _command in (certify.region, design.design, simulate.simulate, report.report):

@@ -169,7 +169,7 @@ def trace_section(checks: Sequence[Check]) -> doc.Section:
     )
 
 
-def recheck_section(certificate: Certificate, prints: Facts) -> doc.Section:
+def recheck_section(certificate: Certificate, prints: Facts, kernel: str = "") -> doc.Section:
     """The commands that decide the certificate again and make it again, and what it was made from."""
     claims = certificate.claims
     versions = (
@@ -177,11 +177,13 @@ def recheck_section(certificate: Certificate, prints: Facts) -> doc.Section:
         ("certificate format", f"{certificate_text.FORMAT} {certificate_text.VERSION}"),
         ("problem format", f"{canonical.FORMAT} {canonical.VERSION}"),
     )
+    proof = (doc.Text(f"{kernel} {_FIXED['kernel']}"), doc.Code(("coqc proof.v",), command=True)) if kernel else ()
     blocks = (
         doc.Text(_FIXED["both_files"]),
         doc.Code((VERIFY,), command=True),
         doc.Text(_FIXED["trusts"]),
         doc.Code((ALONE,), command=True),
+        *proof,
         doc.Text("To make the certificate again, byte for byte with the same version:"),
         doc.Code((certify_command(certificate),), command=True),
         doc.Text(doc.Own(_FIXED["made_with"])),

@@ -45,9 +45,11 @@ def report_document(
     worst: Trajectory | None = None,
     lambdas: Mapping[str, Matrix] | None = None,
     searches: Sequence[Falsification] = (),
+    kernel: str = "",
 ) -> doc.Document:
     """The document.  ``analysis``, ``trajectory`` and ``worst``, a run with a slow signal, are shown where given.
-    ``lambdas``: mode -> Lambda(J) at the consensus, printed up to 12 x 12; ``searches`` for counterexamples."""
+    ``lambdas``: mode -> Lambda(J) at the consensus, printed up to 12 x 12; ``searches`` for counterexamples;
+    ``kernel``: what Coq says."""
     problem, prints, verdict = certificate.problem, checks.fingerprints(certificate), certificate.verdict
     mark, proved = words.mark_of(verdict), verdict is Verdict.PROVED
     facts = [(name, told) for name, told in words.facts(certificate).items() if proved or told != "–"]
@@ -89,7 +91,7 @@ def report_document(
             *_eigenvalues(certificate, analysis),
             *_simulation(certificate, trajectory),
             checks.trace_section(certificate.checks),
-            checks.recheck_section(certificate, prints),
+            checks.recheck_section(certificate, prints, kernel),
             doc.Section("Words", (verdicts, doc.on_pages(doc.Terms([*words.TEXTS["words"].items()]))), "glossary"),
             doc.Section("Signatures", (doc.Text(words.TEXTS["fixed"]["signing"]), signs), "signatures"),
         ),

@@ -60,11 +60,12 @@ def render_report(
     searches: Sequence[Falsification] = (),
     pdf: bool = False,
     full: bool = False,
+    kernel: str = "",
     progress: Reports[str] = None,
 ) -> dict[str, bytes]:
     """The bytes of report.html and report.md by name, and with ``pdf`` of report.pdf.  ``full``: details are open on
-    the page and printed in the PDF.  Diagnostics and one simulation are computed here and handed to the report, which
-    computes nothing."""
+    the page and printed in the PDF.  ``kernel``: what Coq says of proof.v, where it was asked.  Diagnostics and one
+    simulation are computed here and handed to the report, which computes nothing."""
     from dobc_design.report.content import report_document
     from dobc_design.report.pdf import require_typst
 
@@ -99,6 +100,7 @@ def render_report(
         worst=worst,
         lambdas=_shown_lambdas(problem),
         searches=searches,
+        kernel=kernel,
     )
     if pdf:
         say("setting the PDF")

@@ -19,11 +19,14 @@ from itertools import pairwise
 from typing import Any, Final
 
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.claims import claim_of, reading_claims
+from dobc_design.conditions.check import Check
 from dobc_design.conditions.coverage import asked_radius
-from dobc_design.conditions.numbers import claimed
+from dobc_design.conditions.numbers import claimed, rounded_up
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, holding_gains
 from dobc_design.coupling.enclosures import Curve, jet
+from dobc_design.coupling.expression import ATOM, POWER, Infix, Piece
 from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import SpecError
 from dobc_design.exact.cholesky import squares_of
@@ -43,19 +46,14 @@ MOST_ARCS, MOST_STATES = 400, 6  # of all modes together, and of one exosystem
 DEEPEST: Final = 12  # halvings of a piece, until a row is seen to hold
 MOST_PIECES: Final = 200  # of one row
 CUTS: Final = 64  # of a range of arguments, where a turn is looked for
-#: Functions of the expression language in Coq; {0} is the argument.
-CALLS: Final = {
-    "exp": "exp {0}",
+#: Functions of the expression language in Coq; {0} is the argument, in brackets where it needs them.
+CALLS: Final = {name: f"{name} {{0}}" for name in ("exp", "sin", "cos", "atan", "sqrt")} | {
     "log": "ln {0}",
-    "sin": "sin {0}",
-    "cos": "cos {0}",
-    "tan": "sin {0} / cos {0}",
-    "tanh": "1 - 2 / (exp (2 * {0}) + 1)",
-    "atan": "atan {0}",
-    "sinh": "(exp {0} - exp (- {0})) / 2",
-    "cosh": "(exp {0} + exp (- {0})) / 2",
+    "tan": "(sin {0} / cos {0})",
+    "tanh": "(1 - 2 / (exp (2 * {0}) + 1))",
+    "sinh": "((exp {0} - exp (- {0})) / 2)",
+    "cosh": "((exp {0} + exp (- {0})) / 2)",
     "asinh": "ln ({0} + sqrt ({0} ^ 2 + 1))",
-    "sqrt": "sqrt {0}",
 }
 
 
@@ -70,38 +68,25 @@ def matrix(M: Matrix) -> str:
     return "matrix [" + "; ".join("[" + "; ".join(map(real, row)) + "]" for row in M) + "]"
 
 
-class RocqAlgebra:
+class RocqAlgebra(Infix):
     """Expressions as real functions."""
 
-    def constant(self, value: Fraction) -> str:
-        return real(value)
+    def constant(self, value: Fraction) -> Piece:
+        return Piece(real(value), ATOM)
 
-    def pi(self) -> str:
-        return "PI"
+    def pi(self) -> Piece:
+        return Piece("PI", ATOM)
 
-    def negate(self, operand: str) -> str:
-        return f"(- {operand})"
+    def power(self, base: Piece, exponent: int) -> Piece:
+        text = f"{self.inside(base, ATOM)} ^ {abs(exponent)}"
+        return Piece(text, POWER) if exponent >= 0 else Piece(f"(/ {text})", ATOM)
 
-    def add(self, left: str, right: str) -> str:
-        return f"({left} + {right})"
-
-    def subtract(self, left: str, right: str) -> str:
-        return f"({left} - {right})"
-
-    def multiply(self, left: str, right: str) -> str:
-        return f"({left} * {right})"
-
-    def divide(self, left: str, right: str) -> str:
-        return f"({left} / {right})"
-
-    def power(self, base: str, exponent: int) -> str:
-        return f"({base} ^ {exponent})" if exponent >= 0 else f"(/ {base} ^ {-exponent})"
-
-    def call(self, name: str, arguments: tuple[str, ...]) -> str:
+    def call(self, name: str, arguments: tuple[Piece, ...]) -> Piece:
         if name not in CALLS:
             message = f"a coupling has {name}, which has no derivative everywhere or is not known to Coq's Interval."
             raise SpecError(message, key="coupling.h", cure="`dobc verify` checks the certificate.")
-        return f"({CALLS[name].format(*arguments)})"
+        inside = (x.text if x.text.isalnum() else f"({x.text})" for x in arguments)
+        return Piece(CALLS[name].format(*inside), ATOM)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +107,7 @@ class Arc:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Piece:
+class Part:
     """A row for s in [low, high]; ``near`` 0 its slope decides."""
 
     low: Fraction
@@ -174,8 +159,8 @@ class Rows:
         ways = {self._way(place, face, half, depth - 1) for half in Y.halves()} if depth else {0}
         return ways.pop() if len(ways) == 1 else 0
 
-    def pieces(self, mode: str, agent: int, face: int, room: Fraction) -> list[Piece]:
-        """Pieces of (0, rho] on which the row is seen to be at most ``room`` s.  Raises: SpecError if none are found."""
+    def pieces(self, mode: str, agent: int, face: int, room: Fraction) -> list[Part]:
+        """Parts of (0, rho] on which the row is seen to be at most ``room`` s.  Raises: SpecError if none are found."""
         arcs = [(j, w, self.problem.coupling_place(i, j)) for i, j, w in self.problem.network.modes[mode] if i == agent]
         high = self.rho
         for _ in range(DEEPEST):
@@ -188,9 +173,7 @@ class Rows:
         found, waiting = [near], [(high, self.rho)] if high < self.rho else []
         while waiting:
             low, high = waiting.pop()
-            piece = Piece(
-                low=low, high=high, near=False, arcs=tuple(self._arc(x, agent, face, low, high) for x in arcs)
-            )
+            piece = Part(low=low, high=high, near=False, arcs=tuple(self._arc(x, agent, face, low, high) for x in arcs))
             exact = all(arc.step is not None for arc in piece.arcs)
             if self._below(piece, face, room, Interval(low, high), DEEPEST if exact else 4):
                 found.append(piece)
@@ -233,13 +216,13 @@ class Rows:
             found = max(found, value.hi)
         return Fraction(math.ceil(found * 2**20) + 1, 2**20)
 
-    def _near(self, arcs: Sequence[Any], agent: int, face: int, high: Fraction) -> Piece | None:
+    def _near(self, arcs: Sequence[Any], agent: int, face: int, high: Fraction) -> Part | None:
         found = tuple(self._arc(each, agent, face, Fraction(0), high) for each in arcs)
         if any(arc.kind in ("bounded", "peak") for arc in found):
             return None
-        return Piece(low=Fraction(0), high=high, near=True, arcs=found)
+        return Part(low=Fraction(0), high=high, near=True, arcs=found)
 
-    def _falls(self, piece: Piece, face: int, room: Fraction, S: Interval, depth: int = DEEPEST) -> bool:
+    def _falls(self, piece: Part, face: int, room: Fraction, S: Interval, depth: int = DEEPEST) -> bool:
         """Whether the derivative of the row by s is at most ``room`` on S."""
         value, slope = Interval.point(-room), Interval.point(Fraction(0))
         ends = [Interval.point(Fraction(0))] * 2
@@ -253,7 +236,7 @@ class Rows:
             depth > 0 and all(self._falls(piece, face, room, half, depth - 1) for half in S.halves())
         )
 
-    def _below(self, piece: Piece, face: int, room: Fraction, S: Interval, depth: int) -> bool:
+    def _below(self, piece: Part, face: int, room: Fraction, S: Interval, depth: int) -> bool:
         """Whether the row is at most ``room`` s on S."""
         value, slope = -S * room, Interval.point(-room)
         ends = [-end * room for end in S.ends()]
@@ -271,7 +254,7 @@ class Rows:
 
     @staticmethod
     def _shown(value: Interval, slope: Interval, ends: Sequence[Interval]) -> bool:
-        """Whether a function with this value, slope and ends is at most 0: by itself, or at the end where it is largest."""
+        """Whether a function with this value, slope and ends is at most 0, by itself or at its largest end."""
         rises, falls = slope.lo >= 0 and ends[1].hi <= 0, slope.hi <= 0 and ends[0].hi <= 0
         return value.hi <= 0 or rises or falls
 
@@ -284,21 +267,32 @@ def _parts(low: Fraction, high: Fraction) -> Iterator[Interval]:
     return (Interval(a, b) for a, b in pairwise(_grid(low, high)))
 
 
+def proved_in_states(certificate: Certificate) -> tuple[Check, Separable] | None:
+    """The max-separable check that is proved, in the states themselves, with its claim; None without one."""
+    for check in certificate.checks:
+        known = check.verdict is Verdict.PROVED and check.rate is not None and certificate.problem.dynamics is None
+        if check.id == "max-separable" and known:
+            with reading_claims():
+                claim = claim_of(check, certificate.problem, certificate.claims.W)
+            if isinstance(claim, Separable) and claim.T is None:
+                return check, claim
+    return None
+
+
 def motions_proof(certificate: Certificate) -> str:
     """Return the text of a Coq file that proves: every motion of the loop that starts in the box of the certificate's
-    max-separable check stays below rho v_i exp(-rate t), under any switching.  The same certificate gives the same text.
+    max-separable check stays below rho v_i exp(-rate t), under any switching.  One certificate gives one text.
     Raises: SpecError if no such check is proved, or where the file cannot be made (dynamics, lists of couplings,
     optional arcs, functions that Interval does not know, large networks).  Tested with Coq 8.16, Coquelicot 3.2 and
     Interval 4.6."""
     problem, claims = certificate.problem, certificate.claims
     require_own(certificate)
-    check = next((each for each in certificate.checks if each.id == "max-separable"), None)
-    claim = check.claim if check is not None and check.verdict is Verdict.PROVED else None
-    if check is None or not isinstance(claim, Separable) or check.rate is None:
+    found = proved_in_states(certificate)
+    if found is None:
         message = "no max-separable proof is in this certificate."
         raise SpecError(message, key="checks", cure="Give a [region], or certify with --all.")
+    check, claim = found
     for wrong, what in (
-        (problem.dynamics is not None or claim.T is not None, "agents with [dynamics], or couplings that are lists"),
         (any(arcs.optional for arcs in problem.network.modes.values()), "arcs that come and go"),
         (sum(map(len, problem.network.modes.values())) > MOST_ARCS, f"more than {MOST_ARCS} arcs"),
         (any(len(each.exosystem.A) > MOST_STATES for each in problem.groups), f"exosystems of more than {MOST_STATES}"),
@@ -308,10 +302,10 @@ def motions_proof(certificate: Certificate) -> str:
             raise SpecError(message, key="--rocq", cure="`dobc verify` checks the certificate.")
     box = check.domain if not isinstance(check.domain, str) else {"radius": 1.0, "disturbance": float(bool(problem.q))}
     radius, off = claimed(box["radius"]), claimed(box["disturbance"])
-    rate = claimed(check.rate)
+    rate = claimed(check.rate or 0)
     error = claim.error or ErrorBound(P=(), beta=rate + 1, kappa=1 / claim.least, size=Fraction(0))
     share = root_above(error.size * off**2, unit=10**15)
-    rho = claim.rho or radius / claim.least + error.kappa * share
+    rho = claim.rho or rounded_up(radius / claim.least + error.kappa * share, digits=6)
     rows = Rows(problem, claim, rho)
     try:
         listed = list(_rows(rows, holding_gains(problem)))
@@ -321,7 +315,7 @@ def motions_proof(certificate: Certificate) -> str:
     laws = [
         {
             "text": coupling.texts[0],
-            "rocq": evaluate(coupling.components[0].node, ["y"], RocqAlgebra()),
+            "rocq": evaluate(coupling.components[0].node, [Piece("y", ATOM)], RocqAlgebra()).text,
             "far": far.get(place),
             "rises": rows.rising.get(place, False),
             "unfolds": f"h{place + 1}" + (f" h{place + 1}' h{place + 1}_derivative" if place in far else ""),
@@ -359,6 +353,7 @@ def motions_proof(certificate: Certificate) -> str:
         size=real(error.size),
         rho=real(rho),
         error=real(share),
+        everywhere=claim.rho is None,
         radius=real(radius),
         off=real(off),
         rate=real(rate),
@@ -367,8 +362,8 @@ def motions_proof(certificate: Certificate) -> str:
         lowers=[row["name"] for row in listed if row["face"] == "lower"],
         seen=[f"exact (seen{c}_{g} a)" for g in range(len(groups)) for c in range(problem.m)],
         claim=[
-            f"Every motion of the loop, under any switching of its modes, that starts with |x_i(0) - goal_i| <= {span} in"
-            f" every component{seen}, has {loud}."
+            "Every motion of the loop, under any switching of its modes, that starts with"
+            f" |x_i(0) - goal_i| <= {span} in every component{seen}, has {loud}."
         ],
         states=None
         if asked is None or not same
@@ -376,7 +371,8 @@ def motions_proof(certificate: Certificate) -> str:
             "low": real(asked[0][0]),
             "high": real(asked[0][1]),
             "words": [
-                f"The same for the starts that were asked for: every component of every x_i(0) is in {list(map(float, asked[0]))}."
+                "The same for the starts that were asked for: every component of every x_i(0) is in"
+                f" {list(map(float, asked[0]))}."
             ],
         },
         **{each.__name__: each for each in (comment, matrix, wrapped_list)},
@@ -394,7 +390,8 @@ def _head(certificate: Certificate, loud: str) -> list[str]:
     return [
         f"Every motion converges: the problem {problem.name}, to be checked by Coq.",
         f"Claim: {loud}; the theorem every_motion_converges in part 4.",
-        "Check it by: coqc FILE.v (Coq 8.16 with Coquelicot and Interval; Debian: coq, libcoq-coquelicot, libcoq-interval).",
+        "Check it by: coqc FILE.v (Coq 8.16 with Coquelicot and Interval; in Debian the packages coq, libcoq-coquelicot"
+        " and libcoq-interval).",
         "To be read: the definitions down to `converges` in part 1, part 2, and the theorem. The rest are proofs.",
         f"Made by dobc_design {claims.version}. SHA-256 of the problem: {problem_sha256(problem)}.",
         *(f"Note: {note}" for note in problem.notes),
@@ -435,7 +432,7 @@ def _rows(rows: Rows, gains: Sequence[Fraction]) -> Iterator[dict[str, Any]]:
                 }
 
 
-def _piece(rows: Rows, piece: Piece, face: int) -> dict[str, Any]:
+def _piece(rows: Rows, piece: Part, face: int) -> dict[str, Any]:
     return {
         "low": real(piece.low),
         "high": real(piece.high),

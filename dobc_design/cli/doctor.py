@@ -33,7 +33,7 @@ PURPOSES = {
 }
 #: Programs that some commands lead to: names, what for, package of Debian, formula of Homebrew.
 PROGRAM_TABLE = (
-    (("coqc", "rocq"), "checking the files of dobc export --rocq", "coq", "coq"),
+    (("coqc", "rocq"), "checking proofs: dobc verify --rocq", "coq libcoq-coquelicot libcoq-interval", "coq"),
     (("gcc", "cc", "clang"), "compiling the C code of dobc export --c", "gcc", "gcc"),
     (("chromium", "chromium-browser", "google-chrome"), "the tests of the report's page", "chromium", "chromium"),
     (("csdp",), "a second solver for the files of dobc export --sdpa", "coinor-csdp", "csdp"),

@@ -388,7 +388,9 @@ def test_export_writes_the_theorem_for_rocq_and_refuses_to_overwrite_it(dobc):
     ran = dobc("export", "out", "--rocq", "theorem.v")
     assert ran.code == 0
     assert "coqc theorem.v" in ran.out
-    assert "theorem1" in Path("theorem.v").read_text("ascii")
+    assert "Theorem every_motion_converges" in Path("theorem.v").read_text("ascii")
+    assert dobc("export", "out", "--rocq", "matrix.v", "--theorem").code == 0
+    assert "Theorem theorem1" in Path("matrix.v").read_text("ascii")
     again = dobc("export", "out", "--rocq", "theorem.v", "--json")
     assert again.code == 2
     assert again.json["error"]["key"] == "--rocq"
@@ -397,6 +399,16 @@ def test_export_writes_the_theorem_for_rocq_and_refuses_to_overwrite_it(dobc):
     for wrong in (["out", "--rocq", "t.v", "--problem", "clock-sync"], ["none", "--rocq", "t.v"], ["out"]):
         assert dobc("export", *wrong).code == 2
     assert not Path("t.v").exists()
+
+
+def test_verify_asks_coq_and_tells_what_is_missing(dobc, monkeypatch):
+    """Without coqc: a mistake with the cure, and nothing is written."""
+    dobc("certify", "paper-fixed", "--no-report", "--out", "out")
+    monkeypatch.setenv("PATH", "")
+    ran = dobc("verify", "out", "--problem", "paper-fixed", "--rocq", "--json")
+    assert (ran.code, ran.json["error"]["key"]) == (2, "--rocq")
+    assert "libcoq-interval" in ran.json["error"]["cure"]
+    assert sorted(path.name for path in Path("out").iterdir()) == ["certificate.json", "problem.json"]
 
 
 def test_a_cure_is_told_at_the_end_and_written_to_a_new_file(dobc):

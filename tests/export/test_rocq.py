@@ -264,7 +264,7 @@ def test_matrices_that_prove_nothing_are_refused(change, what):
 def test_problems_and_fractions_that_would_keep_coq_busy_for_hours_are_refused(monkeypatch):
     with pytest.raises(SpecError, match=r"at most 150 rows.*it has 153"):
         rocq_proof(certify(cycle(51, exosystem=EXOSYSTEM, coupling="y")))
-    monkeypatch.setattr("dobc_design.export.rocq.LARGEST_WORK", 10**6)
+    monkeypatch.setattr("dobc_design.export.rocq.matrices.LARGEST_WORK", 10**6)
     assert rocq_proof(certify(cycle(exosystem=EXOSYSTEM, coupling="y")))
     with pytest.raises(SpecError, match="too long for Coq"):
         rocq_proof(certificate_of("paper-fixed"))

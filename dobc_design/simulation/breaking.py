@@ -162,8 +162,6 @@ def what_breaks_first(
     tolerance = positive(tolerance, "tolerance", example="0.1")
     problem = as_integrators(load_problem(problem))
     problem.require_no_leader("the search for the stress that breaks a loop")
-    if options is OPTIONS and problem.node is not None:
-        options = tuple(option for option in OPTIONS if option != "period")  # refused for f of [dynamics]
     chosen, remark = (signal, None) if signal is not None else signal_of(problem)
     given: dict[str, Any] = {"signal": chosen, "start": start, "t_final": t_final, "seed": seed}
     setting = make_setting(problem, gain=observer_gain(problem), samples=SAMPLES, tolerance=COARSE, **given)

@@ -399,7 +399,6 @@ class _Collector:
                 ends = run_stressed(runs, visit=partial(self.put, chosen), progress=part)
                 ended, reasons = ends.times, ends.reasons()
             else:
-                self.method = f"exact steps of {stress.period:g} s, side by side"
                 ended, reasons = self.sampled(chosen, runs, part)
             for row, each in enumerate(switches):
                 self.count[chosen[row]] = np.searchsorted(each.times, ended[row], side="right") - 1
@@ -439,7 +438,8 @@ class _Collector:
         def visit(number: int, sample: integrate.Samples) -> None:
             self.put(chosen, np.full(len(every), number), every, sample["x"] - goal, sample["d"] - sample["dhat"])
 
-        counts, reasons = Stepper(runs, visit, part).run()
+        stepper = Stepper(runs, visit, part)
+        self.method, (counts, reasons) = f"{stepper.method}, side by side", stepper.run()
         return self.setting.times[counts - 1], reasons
 
     def put(self, chosen: IndexArray, sample: IndexArray, run: IndexArray, e: Array, gap: Array | None = None) -> None:

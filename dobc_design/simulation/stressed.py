@@ -228,12 +228,12 @@ class Heard:
 class Loops:
     """The columns between instants at which all wait: the runs ``alive`` (k,), ``noise`` (n, m, R) since the last."""
 
-    def __init__(self, runs: StressedRuns, horizon: float) -> None:
+    def __init__(self, runs: StressedRuns, horizon: float, crew: Crew | None = None) -> None:
         draws, self.loop = runs.stress.draws, runs.setting.loop
         instants = np.zeros(0) if draws is None else sample_instants(draws, horizon, name="exchange")
         self.instants = instants[instants < horizon]
         self.failures = sorted({failure.time for failure in runs.stress.failures if failure.time < horizon})
-        self.crew = Crew(runs, self.instants, keep=True)
+        self.crew = crew or Crew(runs, self.instants, keep=True)
         self.goal, self.alive, self.next = self.loop.goal[..., None], np.arange(len(runs.seeds)), 0
         self.noise = np.zeros((*self.crew.shape, len(runs.seeds)))
         x, xi, xihat = (runs.stacked(part) for part in ("x", "xi", "xihat"))

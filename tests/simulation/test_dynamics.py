@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from dynamic_agents import double_integrators, full_loop, matrices, pendulums, three_states
+from dynamic_agents import double_integrators, drift, felt, full_loop, matrices, pendulums, three_states
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import dobc_design as dd
-from dobc_design.errors import SpecError
 from dobc_design.problem.dynamics import Dynamics
 
 PROBLEMS = [double_integrators(), three_states(), pendulums()]
@@ -102,15 +102,39 @@ def test_switching_runs_and_files(tmp_path):
     )
 
 
-def test_sampling_is_refused_where_there_is_no_closed_form():
-    """f, and disturbances besides d, between samples."""
-    for problem, stress in ((PROBLEMS[2], {}), (PROBLEMS[0], {"disturbance": 0.1})):
-        with pytest.raises(SpecError, match=r"stress\.period is not known for agents with \[dynamics\]"):
-            dd.simulate(problem, stress=dd.Stress(period=0.1, **stress))
+@pytest.mark.parametrize("problem", PROBLEMS, ids=["carts", "plants", "pendulums"])
+def test_samples_between_the_instants_are_those_of_the_held_input(problem):
+    """x' = f(x) or A x + B (couplings + u + d) with what was held at the instant, and a disturbance besides d."""
+    data, period = matrices(problem), 0.2
+    stress = dd.Stress(period=period, disturbance=0.3, frequency=0.0)
+    run = dd.simulate(problem, t_final=1, samples=11, stress=stress)
+    other, own = (run.d - run.xi @ data["C"].T)[0], drift(problem)
+    for k in range(0, 10, 2):
+
+        def slope(time, state, k=k):
+            x, d = state.reshape(3, -1), run.xi[k] @ expm(data["S"] * time).T @ data["C"].T + other
+            return (own(x) + (felt(problem, run.x[k] - data["goals"]) + run.u[k] + d) @ data["B"].T).ravel()
+
+        found = solve_ivp(slope, (0, period), run.x[k].ravel(), t_eval=[0.1, period], rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(run.x[k + 1 : k + 3].reshape(2, -1), found.y.T, atol=1e-7)
+    assert np.abs(other).max() > 0.1
+
+
+def test_agents_that_leave_within_a_period_end_their_run_alone():
+    """x' = x^3 from x0: at infinity after 1/(2 x0^2) s, 0.617 s from 0.9; from starts near 0 not within 3 s."""
+    cubic = Dynamics(f=["x**3"])
+    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
+    problem = dd.Problem(network=alone, dynamics=cubic, coupling="y")
+    stress = dd.Stress(period=1.0)
+    run = dd.simulate(problem, t_final=3, samples=31, start=[[0.9]], stress=stress)
+    assert run.diverged and "collapsed" in run.reason and run.times[-1] == pytest.approx(0.6)
+    assert run.x[:, 0, 0] == pytest.approx(1 / np.sqrt(1 / 0.81 - 2 * run.times), rel=1e-6)
+    many = dd.simulate(problem, t_final=3, samples=31, runs=20, stress=stress)
+    assert 0 < np.isnan(many.error[:, -1]).sum() < 20
 
 
 @pytest.mark.parametrize("problem", [PROBLEMS[0], PROBLEMS[2]])
-def test_what_breaks_first_leaves_sampling_out_for_f_only(monkeypatch: pytest.MonkeyPatch, problem):
+def test_what_breaks_first_knows_the_period(monkeypatch: pytest.MonkeyPatch, problem):
     monkeypatch.setattr("dobc_design.simulation.breaking.OPTIONS", ("saturation", "period"))
-    found = dd.what_breaks_first(problem, t_final=20)
-    assert [each.option for each in found.sweeps] == ["saturation", "period"][: 2 - (problem.dynamics.f is not None)]
+    found = dd.what_breaks_first(problem, t_final=12)
+    assert [each.option for each in found.sweeps] == ["saturation", "period"] and found.period.converges > 0.05

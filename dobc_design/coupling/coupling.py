@@ -104,9 +104,7 @@ class Coupling(Shown):
 
     def evaluated(self, y: Sequence[T], algebra: tree.Algebra[T]) -> list[T]:
         """Return the m components of h for differences y, one value of the algebra for each of m components."""
-        if self.by_component:
-            return [tree.evaluate(self.components[0].node, [each], algebra) for each in y]
-        return [tree.evaluate(each.node, y, algebra) for each in self.components]
+        return language.evaluated(self.components, y, algebra)
 
     def jacobian_at_zero(self) -> tuple[tuple[Interval, ...], ...]:
         """Enclose dh/dy at y = 0; exact (points) where the entries are known to be rational.  Shapes: (m, m), diagonal

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
 from itertools import accumulate
 from math import inf
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +21,7 @@ from dobc_design.errors import ExpressionError, ShapeError, SpecError, wrong
 from dobc_design.exact.number import decimal_parts, with_exponent, without_exponent
 
 _LONGEST_PLAIN_NUMBER = 21
+T = TypeVar("T")
 
 SUM, SIGN, PRODUCT, UNARY, POWER, ATOM = range(6)
 
@@ -32,6 +34,13 @@ class Piece:
     level: int
     head: str = ""  # LaTeX of a named function, before its arguments: the place for an exponent
     number: bool = False
+
+
+def evaluated(expressions: Sequence[Expression], y: Sequence[T], algebra: tree.Algebra[T]) -> list[T]:
+    """Return their values at y, one value of the algebra for each component; one in a single variable acts on each."""
+    if [each.dimension for each in expressions] == [1]:
+        return [tree.evaluate(expressions[0].node, [each], algebra) for each in y]
+    return [tree.evaluate(each.node, y, algebra) for each in expressions]
 
 
 def to_text(node: tree.Node, *, dimension: int = 1, compact: bool = False) -> str:

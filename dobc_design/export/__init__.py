@@ -44,7 +44,7 @@ def to_c(
     certificate: Certificate | Claims | None = None,
     sampled_gain: Any = None,
 ) -> CCode:
-    """C99 of the sampled observer and controller, with a self-test; ``save(folder)`` writes it.  [dynamics] need A.
+    """C99 of the sampled observer and controller, with a self-test; ``save(folder)`` writes it.
 
     ``period`` in s; ``precision`` "double" or "float"; ``agents``: labels, or one; default all (at most 200), of one
     group where they have different exosystems; ``certificate``: its check ``sampling`` is compared with the period;

@@ -3,8 +3,9 @@
 Paper: (13), (19), sampled as in ``simulation.sampled``.  Ad = exp(A T), Cd = C (1/T) int_0^T exp(A s) ds and
 L = int_0^T exp((A - W C) s) ds W are enclosed by Arb and rounded once; the rounded numbers are what is proved about:
 all eigenvalues of Ad - L Cd in the open unit disk, and those of I + T (J - K) of every mode at the consensus, which
-is local and about staying in one mode.  The error of an observer of agents with linear [dynamics] obeys the same, with
-Cd as ``simulation.sampled`` has it; their sampled network is decided without a disturbance.
+is local and about staying in one mode.  The error of an observer of agents with [dynamics] obeys the same, with Cd as
+``simulation.sampled`` has it, with f up to what changes of f(x) - A x in a period; their sampled network is decided
+without a disturbance.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from dobc_design.certificate.claims import Claims, certified_period
 from dobc_design.conditions.consensus.claim import ModeJacobian, jacobians_at_consensus, linearisation
 from dobc_design.conditions.numbers import bisected, rounded_down
 from dobc_design.conditions.statement import Statement, undecided
-from dobc_design.errors import SpecError, wrong
+from dobc_design.errors import SpecError
 from dobc_design.exact.definite import decide_positive_definite, decide_positive_semidefinite
 from dobc_design.exact.interval import IntervalMatrix, UndefinedError, discretise
 from dobc_design.exact.matrix import Matrix, add, identity, inverse, matrix, multiply, scale, shape, subtract, transpose
@@ -80,7 +81,7 @@ def sampled_observer_statement(Ad: Matrix, Cd: Matrix, L: Matrix, *, period: Fra
 def sampled_network_statement(problem: Problem, period: Fraction, *written: Matrix) -> Statement:
     """State whether e_(k+1) = (I + T (J - K)) e_k dies out in every mode: exact, at the consensus.  UNDECIDED for n m >
     40 (200 where J - K is symmetric), for slopes that are not rational, and where an agent that nothing pins keeps its
-    error.  ``written``: motion and push, with which agents with linear [dynamics] move (no disturbance)."""
+    error.  ``written``: motion and push, with which agents with [dynamics] move near it (no disturbance)."""
     answer = partial(Statement, kind="sampled-network", exact={"period": number_text(period)})
     if problem.n * problem.m > MOST_SYMMETRIC:
         text = f"the sampled network is not decided for more than {MOST_SYMMETRIC} rows."
@@ -186,7 +187,8 @@ class AgentNumbers:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Controller:
     """A sampled controller with the numbers of its code.  Shapes: Ad (q, q), Cd (p, q), L (q, p), rounded to
-    ``precision``; () without an exosystem.  ``motion`` (m, m), ``push`` (m, p), ``watch`` (p, m): of [dynamics].
+    ``precision``; () without an exosystem.  ``motion`` (m, m), ``push`` (m, p), ``watch`` (p, m): of [dynamics], where
+    a state becomes x + motion x + push v in a period without a disturbance, or x + motion f(x) + push v.
     ``period`` in s. ``statements``: what is decided about these numbers.  ``states``: where its exosystem's states
     stand in a simulation, which holds those of all groups of agents side by side."""
 
@@ -228,9 +230,6 @@ def make_controller(
     if precision not in PRECISIONS:
         cure = "double is the default."
         raise SpecError(f"precision must be double or float; got {shown(precision)}.", key="--precision", cure=cure)
-    if problem.dynamics is not None and problem.dynamics.f is not None:
-        what = "must be linear, with A in place of f: between samples f(x) has no closed form that the code could use."
-        raise wrong("dynamics", what, "Write the code for the agents linearised at the target.")
     W = chosen_gain(as_integrators(problem), gain)
     if problem.groups and W is None:
         raise SpecError("observer.W must be known to write the observer.", key="observer.W", cure="Give or design W.")
@@ -282,26 +281,28 @@ def _decided(
     """The rounded matrices of this period, and what is decided about them and about the network."""
     dynamics, m, p = problem.dynamics, problem.m, problem.inputs
     moves, B, left = scale(0, identity(m)), identity(m), identity(m)
-    if dynamics is not None and dynamics.A is not None:
-        moves, B, left = dynamics.A, dynamics.B, dynamics.left_inverse
+    if dynamics is not None:
+        moves, B, left = dynamics.about(problem.target)[0], dynamics.B, dynamics.left_inverse
     A, C = ((), ((),) * p) if exosystem is None or W is None else (exosystem.A, exosystem.C)
-    rows = [a + b + c for a, b, c in zip(moves, B, multiply(B, C) if A else ((),) * m, strict=True)]
-    rows += [(Fraction(0),) * (m + p + len(A))] * p + [(Fraction(0),) * (m + p) + row for row in A]
-    flow = _middle(discretise(tuple(rows), period).transition)  # of x, a held input and xi
-    push = tuple(row[m : m + p] for row in flow[:m])
-    parts = {"motion": subtract(tuple(row[:m] for row in flow[:m]), identity(m)), "push": push}
+    rows = [a + b + c for a, b, c in zip(moves, identity(m), multiply(B, C) if A else ((),) * m, strict=True)]
+    rows += [(Fraction(0),) * (2 * m + len(A))] * m + [(Fraction(0),) * 2 * m + row for row in A]
+    flow = _middle(discretise(tuple(rows), period).transition)  # of x, a speed that is held, and xi
+    hold = tuple(row[m : 2 * m] for row in flow[:m])
+    push, nodes = multiply(hold, B), dynamics is not None and dynamics.f is not None
+    parts = {"motion": hold if nodes else subtract(tuple(row[:m] for row in flow[:m]), identity(m)), "push": push}
     parts["watch"] = watch = multiply(inverse(multiply(left, push)), left)
     parts |= {"Ad": (), "Cd": (), "L": ()}
     if A and W is not None:
-        parts["Ad"] = tuple(row[m + p :] for row in flow[m + p :])
-        parts["Cd"] = multiply(watch, tuple(row[m + p :] for row in flow[:m]))
+        parts["Ad"] = tuple(row[2 * m :] for row in flow[2 * m :])
+        parts["Cd"] = multiply(watch, tuple(row[2 * m :] for row in flow[:m]))
         W = multiply(W, B)
         error = discretise(subtract(A, multiply(W, C)), period).mean if L is None else ()
         parts["L"] = multiply(scale(period, _middle(error)), W) if L is None else L
     found: dict[str, Any] = {
         name: tuple(tuple(rounded(x, precision) for x in row) for row in each) for name, each in parts.items()
     }
-    network = sampled_network_statement(problem, period, *((found["motion"], found["push"]) if dynamics else ()))
+    motion = multiply(found["motion"], moves) if nodes else found["motion"]
+    network = sampled_network_statement(problem, period, *((motion, found["push"]) if dynamics else ()))
     observer = [sampled_observer_statement(found["Ad"], found["Cd"], found["L"], period=period)] if A else []
     return found | {"statements": (*observer, network)}
 

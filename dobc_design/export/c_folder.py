@@ -23,10 +23,11 @@ from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.statement import Statement
 from dobc_design.errors import SpecError
 from dobc_design.export.c_controller import AgentNumbers, Controller
-from dobc_design.export.c_text import CAlgebra, array, bare, comment, coupling_function, rounded, row, string, template
+from dobc_design.export.c_text import CAlgebra, array, bare, comment, function, rounded, row, string, template
 from dobc_design.export.c_text import literal as c_literal
 from dobc_design.export.rounding_bound import Array, Recorded, felt_with_error, rounding_bound
 from dobc_design.problem.arrays import Gain
+from dobc_design.problem.dynamics import expressions_of
 from dobc_design.simulation.runs import run_once
 from dobc_design.simulation.setting import Stress, make_setting
 from dobc_design.simulation.signals import Mobile, Signal
@@ -221,12 +222,18 @@ def source_text(controller: Controller) -> str:
     """dobc_agent.c."""
     problem, precision = controller.problem, controller.precision
     algebra = CAlgebra(precision)
-    couplings = [coupling_function(each, number, algebra) for number, each in enumerate(problem.couplings)]
+    own, made = problem.dynamics, partial(function, algebra=algebra, m=problem.m)
+    couplings = [
+        made(f"coupling_{number}(y, h)", each.components, each.texts, size="DOBC_INPUTS")
+        for number, each in enumerate(problem.couplings)
+    ]
+    drift = own and own.f and made("drift(x, f)", expressions_of(own), own.f, size="DOBC_COMPONENTS")
     return template("agent.c.j2").render(
         title=comment(problem.name),
         uses_math=algebra.library,
         q=controller.q,
-        plant=problem.dynamics,
+        plant=own,
+        drift=drift,
         motion=array(controller.motion, precision),
         push=array(controller.push, precision),
         watch=array(controller.watch, precision),
@@ -310,7 +317,8 @@ def readme(controller: Controller, recorded: Recorded, statements: Sequence[Stat
         compile=COMPILE,
         period=f"{float(controller.period):.6g}",
         observes=controller.q > 0,
-        plant=problem.dynamics is not None,
+        plant=problem.dynamics,
+        drift=problem.dynamics and problem.dynamics.f,
         proved=proved or ["nothing"],
         undecided=undecided,
         certified=certified,

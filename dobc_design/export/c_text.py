@@ -1,10 +1,11 @@
-"""C99 as text: literals in either precision, strings, comments, arrays, and couplings from the expression tree.
+"""C99 as text: literals in either precision, strings, comments, arrays, and functions from expression trees.
 
 Text of users appears in strings and comments only, escaped, so that no label can end either.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from fractions import Fraction
 from importlib.resources import files
@@ -12,8 +13,7 @@ from importlib.resources import files
 import numpy as np
 from jinja2 import Template
 
-from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.expression import ATOM, Infix, Piece, variables_used
+from dobc_design.coupling.expression import ATOM, Expression, Infix, Piece, evaluated, variables_used
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
 from dobc_design.errors import SpecError
 
@@ -111,13 +111,14 @@ class CAlgebra(Infix):
         return Piece(f"{FUNCTIONS[name].c or name}{self.suffix}({inside})", ATOM)
 
 
-def coupling_function(coupling: Coupling, number: int, algebra: CAlgebra) -> str:
-    """A C function ``coupling_NUMBER(y, h)`` that writes h(y) for y with m components."""
-    lines = [f"/* h(y) = {comment(', '.join(coupling.texts))} */"]
-    y = [Piece(f"y[{c}]", ATOM) for c in range(coupling.dimension)]
-    body = [each.text for each in coupling.evaluated(y, algebra)]
-    silent = not any(variables_used(each.node) for each in coupling.components)
-    lines += [f"static void coupling_{number}(const dobc_real y[DOBC_COMPONENTS], dobc_real h[DOBC_INPUTS])", "{"]
-    lines += ["    (void)y;"] if silent else []
-    lines += [f"    h[{c}] = {text};" for c, text in enumerate(body)]
+def function(
+    head: str, expressions: Sequence[Expression], texts: Sequence[str], algebra: CAlgebra, *, m: int, size: str
+) -> str:
+    """A C function whose ``head`` is "NAME(y, h)": it writes h(y), of ``size`` components, for y with m."""
+    name, y, h = re.findall(r"\w+", head)
+    lines = [f"/* {h}({y}) = {comment(', '.join(texts))} */"]
+    values = evaluated(expressions, [Piece(f"{y}[{c}]", ATOM) for c in range(m)], algebra)
+    lines += [f"static void {name}(const dobc_real {y}[DOBC_COMPONENTS], dobc_real {h}[{size}])", "{"]
+    lines += [] if any(variables_used(each.node) for each in expressions) else [f"    (void){y};"]
+    lines += [f"    {h}[{c}] = {value.text};" for c, value in enumerate(values)]
     return "\n".join([*lines, "}", ""])

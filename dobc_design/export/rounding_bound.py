@@ -7,6 +7,7 @@ estimate is carried from sample to sample by Ad, because the recorded states do 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate, repeat
@@ -14,10 +15,11 @@ from itertools import accumulate, repeat
 import numpy as np
 from numpy.typing import NDArray
 
-from dobc_design.coupling.coupling import Coupling
+from dobc_design.coupling.expression import Expression, evaluated
 from dobc_design.coupling.functions import FUNCTIONS, by_twos
 from dobc_design.exact.matrix import to_float
 from dobc_design.export.c_controller import AgentNumbers, Controller
+from dobc_design.problem.dynamics import expressions_of
 
 Array = NDArray[np.float64]
 ROUNDOFF = {"double": 2.0**-53, "float": 2.0**-24}
@@ -131,9 +133,13 @@ def _innovation(controller: Controller, recorded: Recorded, held: Array, u: floa
     """Sizes of what the samples tell beside the expected disturbance, and bounds on the errors, (S - 1, p) each."""
     motion, push, watch = (to_float(each) for each in (controller.motion, controller.push, controller.watch))
     x, before, v = recorded.x[1:], recorded.x[:-1], recorded.v[:-1]
-    apart, terms = x - before - before @ motion.T - v @ push.T, np.count_nonzero(motion) + np.count_nonzero(push)
-    moved = np.abs(x) + np.abs(before) @ (np.eye(len(motion)) + np.abs(motion)).T + np.abs(v) @ np.abs(push).T
+    own, dynamics = Erring(before, np.zeros_like(before)), controller.problem.dynamics
+    if dynamics is not None and dynamics.f is not None:
+        own = with_errors(expressions_of(dynamics), Erring(before, u * np.abs(before)), ErringAlgebra(u))
+    apart, terms = x - before - own.value @ motion.T - v @ push.T, np.count_nonzero(motion) + np.count_nonzero(push)
+    moved = np.abs(x) + np.abs(before) + np.abs(own.value) @ np.abs(motion).T + np.abs(v) @ np.abs(push).T
     error = held[:-1] @ np.abs(push).T + (terms + 3) * u * moved + (len(motion) + 2) * u * np.abs(apart)
+    error += own.error @ np.abs(motion).T
     return np.abs(apart @ watch.T - recorded.dhat[:-1]), error @ np.abs(watch).T
 
 
@@ -147,7 +153,7 @@ def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: A
             heard = recorded.heard[here, arc.neighbour]
             y = heard - e[here]
             difference = Erring(y, own[here] + u * (np.abs(heard) + np.abs(y)))
-            h = coupling_with_error(couplings[arc.coupling], difference, algebra)
+            h = with_errors(couplings[arc.coupling].components, difference, algebra)
             weight = float(arc.weight)
             total[here] += weight * h.value
             size[here] += np.abs(weight * h.value)
@@ -155,9 +161,8 @@ def felt_with_error(controller: Controller, recorded: Recorded, e: Array, own: A
     return total, error + (max((len(each) for each in recorded.agent.modes), default=0) + 2) * u * size
 
 
-def coupling_with_error(coupling: Coupling, y: Erring, algebra: ErringAlgebra) -> Erring:
-    """h(y) with a bound on its error; y (S, m)."""
-    columns = [Erring(y.value[:, c], y.error[:, c]) for c in range(coupling.dimension)]
-    parts = coupling.evaluated(columns, algebra)
+def with_errors(functions: Sequence[Expression], y: Erring, algebra: ErringAlgebra) -> Erring:
+    """Functions of y (S, m), as ``evaluated`` takes them, with a bound on their errors."""
+    parts = evaluated(functions, [Erring(*each) for each in zip(y.value.T, y.error.T, strict=True)], algebra)
     found = [np.broadcast_arrays(each.value, each.error, y.value[:, 0])[:2] for each in parts]
     return Erring(*np.moveaxis(np.array(found), 0, -1))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bad_samples import GOOD, KINDS, Program, wrong_cases
 from c_harness import needs_gcc, planar
-from dynamic_agents import double_integrators, three_states
+from dynamic_agents import double_integrators, pendulums, three_states
 
 from dobc_design.problem.load import load_problem
 
@@ -21,7 +21,7 @@ def test_after_bad_inputs_the_answers_are_those_of_a_run_that_missed_them(precis
 
 
 @needs_gcc
-@pytest.mark.parametrize("problem", [load_problem("paper-fixed"), double_integrators(), three_states()])
+@pytest.mark.parametrize("problem", [load_problem("paper-fixed"), double_integrators(), three_states(), pendulums()])
 def test_a_converged_observer_misses_five_samples_and_expects_them_right(problem, tmp_path):
     """The model is exact for a disturbance that its exosystem generates, so the inputs hardly change."""
     program = Program(problem, tmp_path, period="1/50", precision="double")

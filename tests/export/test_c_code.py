@@ -16,7 +16,7 @@ from dobc_design.coupling.coupling import make_coupling
 from dobc_design.errors import SpecError
 from dobc_design.export.c_controller import make_controller
 from dobc_design.export.c_folder import FILES, source_text
-from dobc_design.export.rounding_bound import Erring, ErringAlgebra, coupling_with_error
+from dobc_design.export.rounding_bound import Erring, ErringAlgebra, with_errors
 from dobc_design.simulation.stressed import LOSS
 
 
@@ -311,7 +311,7 @@ def test_the_error_bound_of_a_coupling_holds_for_single_precision(h: str):
     y = rng.uniform(-1.4, 1.4, size=(400, 2))
     y[:, 1] = np.abs(y[:, 1])
     coupling = make_coupling([h, "y2"], dimension=2)
-    bound = coupling_with_error(coupling, Erring(y, np.abs(y) * 2.0**-24), ErringAlgebra(2.0**-24))
+    bound = with_errors(coupling.components, Erring(y, np.abs(y) * 2.0**-24), ErringAlgebra(2.0**-24))
     difference = np.abs(single_precision(coupling, y.astype(np.float32)) - coupling.value(y))
     assert (difference <= 2 * bound.error).all()
     assert bound.error[:, 0].max() <= 1e4 * max(difference[:, 0].max(), 1e-9)

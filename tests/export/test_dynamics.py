@@ -9,7 +9,8 @@ import control
 import numpy as np
 import pytest
 from c_harness import CompiledAgents, compile_and_test, needs_gcc, write_all
-from dynamic_agents import double_integrators, felt, matrices, pendulums, three_states
+from dynamic_agents import double_integrators, drift, felt, matrices, pendulums, resonators, three_states
+from scipy.integrate import solve_ivp
 from scipy.linalg import block_diag, expm
 from scipy.optimize import brentq
 from typer.testing import CliRunner
@@ -22,7 +23,7 @@ from dobc_design.export.c_controller import make_controller
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.integrators import as_integrators
 
-PROBLEMS = {each.name: each for each in (double_integrators(), three_states(), pendulums())}
+PROBLEMS = {each.name: each for each in (double_integrators(), three_states(), pendulums(), resonators())}
 TIGHT = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
 
 
@@ -66,12 +67,14 @@ def test_observer_of_one_agent_is_a_linear_system(name):
 
 
 @pytest.mark.parametrize("options", [["--c", "--period", "0.01"], ["--fmu", "--period", "0.01"], ["--sdpa"]])
-def test_sampled_code_of_f_and_inequalities_are_refused_before_anything_is_written(options, tmp_path):
-    """One error that names [dynamics]."""
-    (tmp_path / "own.toml").write_text(problem_text(PROBLEMS["pendulums"]), encoding="utf-8")
+def test_leaders_and_inequalities_are_refused_before_anything_is_written(options, tmp_path):
+    """One error that names [leader], with f as with A, or [dynamics]."""
+    problem = PROBLEMS["pendulums"].replace(target=[0, 0], leader={"initial": [1, 0]})
+    (tmp_path / "own.toml").write_text(problem_text(problem), encoding="utf-8")
     target = tmp_path / "target"
     result = CliRunner().invoke(app, ["export", str(tmp_path / "own.toml"), options[0], str(target), *options[1:]])
-    assert isinstance(result.exception, SpecError) and result.exception.key == "dynamics"
+    assert isinstance(result.exception, SpecError)
+    assert result.exception.key == ("dynamics" if options == ["--sdpa"] else "leader")
     assert not target.exists()
 
 
@@ -121,8 +124,8 @@ def compiled(problem: dd.Problem, folder, period) -> CompiledAgents:
 
 def in_c(problem: dd.Problem, run, agents: CompiledAgents, period: float):
     """x, u, dhat at the multiples of the period, from the start of ``run``: C agents, held inputs, and agents with wind
-    integrated by expm of (x, v, xi)."""
-    data = matrices(problem)
+    integrated by expm of (x, v, xi), with f by SciPy."""
+    data, own = matrices(problem), drift(problem)
     A, B, C, S = (data[name] for name in ("A", "B", "C", "S"))
     m, p = B.shape
     block = np.zeros((m + p + len(S), m + p + len(S)))
@@ -131,16 +134,24 @@ def in_c(problem: dd.Problem, run, agents: CompiledAgents, period: float):
     for _ in run.times:
         u, v, dhat = agents(0, x)
         found.append((x, u, dhat))
-        state = np.hstack([x, v, xi]) @ flow.T
+        state, before = np.hstack([x, v, xi]) @ flow.T, (x, xi)
         x, xi = state[:, :m], state[:, m + p :]
+        if problem.dynamics.f:
+
+            def slope(time: float, x, v=v, xi=before[1]):
+                x = x.reshape(-1, m)
+                return (own(x) + (v + xi @ expm(S * time).T @ C.T) @ B.T).ravel()
+
+            x = solve_ivp(slope, (0, period), before[0].ravel(), **TIGHT).y[:, -1].reshape(-1, m)
     return [np.array(part) for part in zip(*found, strict=True)]
 
 
 @needs_gcc
-@pytest.mark.parametrize("name", ["carts", "plants"])
+@pytest.mark.parametrize("name", PROBLEMS)
 def test_agents_in_c_are_the_sampled_loop_and_that_is_the_loop_but_for_its_period(name, tmp_path):
-    """Double integrators, and agents with three states and two inputs, with wind: to rounding at every period; of first
-    order in the period to the loop in continuous time."""
+    """Double integrators, agents with three states and two inputs, and with f, with wind: to rounding at every period,
+    with f to the tolerance of the integrators, and to rounding where both are given the same states; of first order in
+    the period to the loop in continuous time."""
     problem, apart = PROBLEMS[name], []
     for period in (1 / 10, 1 / 20, 1 / 40, 1 / 80):
         times = [k * period for k in range(round(4 / period) + 1)]
@@ -148,16 +159,21 @@ def test_agents_in_c_are_the_sampled_loop_and_that_is_the_loop_but_for_its_perio
             dd.simulate(problem, t_final=times[-1], samples=times, stress=stress, seed=2)
             for stress in (dd.Stress(period=period), None)
         )
-        found = in_c(problem, sampled, compiled(problem, tmp_path, period), period)
+        agents = compiled(problem, tmp_path, period)
+        found = in_c(problem, sampled, agents, period)
         for part, wanted in zip(found, (sampled.x, sampled.u, sampled.dhat), strict=True):
-            assert np.abs(part - wanted).max() <= 1e-12 * max(1.0, np.abs(wanted).max())
+            allowed = 1e-7 if problem.dynamics.f else 1e-12
+            assert np.abs(part - wanted).max() <= allowed * max(1.0, np.abs(wanted).max())
+        agents.library.start()
+        for x, u, dhat in zip(sampled.x, sampled.u, sampled.dhat, strict=True):
+            np.testing.assert_allclose(agents(0, x)[::2], [u, dhat], atol=1e-12 * max(1.0, np.abs(sampled.u).max()))
         apart.append(np.abs(found[0] - free.x).max())
     ratios = np.array(apart[:-1]) / apart[1:]
     assert apart[0] > 1e-3 and 1.7 < ratios[-1] < 2.3, (apart, ratios)
 
 
 @needs_gcc
-@pytest.mark.parametrize("name", ["carts", "plants", "alone"])
+@pytest.mark.parametrize("name", [*PROBLEMS, "alone"])
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_code_passes_its_own_vectors_and_claims_what_is_proved(name, precision, tmp_path):
     """The sampled observer's error is that of theory, exactly; the network is decided near the consensus."""
@@ -170,13 +186,14 @@ def test_code_passes_its_own_vectors_and_claims_what_is_proved(name, precision, 
     kinds = {each.kind: each.verdict.value for each in code.statements}
     assert kinds == {"sampled-network": "proved"} | ({} if name == "alone" else {"sampled": "proved"})
     told = " ".join(code.files["README.txt"].decode().split())
+    assert ("is held, an error of second order in the period" in told) is (problem.dynamics.f is not None)
     assert "no check `sampling` is for agents with dynamics" in told and "`sampling` covers" not in told
     assert (b"rest[DOBC_INPUTS]" in code.files["dobc_agent.h"]) and b"DOBC_INPUTS %d" % problem.inputs in code.files[
         "dobc_agent.h"
     ]
 
 
-@pytest.mark.parametrize("name", ["carts", "plants"])
+@pytest.mark.parametrize("name", PROBLEMS)
 def test_the_longest_period_is_that_of_the_eigenvalues(name):
     """e_(k+1) = Phi e_k + G (h'(0) e_k - K e_k): proved just below the limit, refused just above; another is named."""
     problem, data = PROBLEMS[name], matrices(PROBLEMS[name])
@@ -213,18 +230,49 @@ def test_the_error_of_the_sampled_observer_obeys_its_matrix():
         assert np.abs(eps[0]).max() > 0.1
 
 
+def test_what_the_observer_leaves_out_of_f_is_of_second_order_in_the_period_and_in_the_distance():
+    """eps_1 - (Ad - L Cd) eps_0 in one period, from a start and from half of it, over a period and half of it."""
+    problem = PROBLEMS["resonators"]
+
+    def left_out(period: float, part: float) -> float:
+        code = make_controller(problem, period=str(period))
+        Ad, Cd, L = (np.array([[float(x) for x in row] for row in each]) for each in (code.Ad, code.Cd, code.L))
+        start = {"x": [part, -part / 2], "xi": [part, 0]}
+        stress = dd.Stress(period=period)
+        run = dd.simulate(problem, t_final=period, samples=2, start=start, stress=stress, tolerance=1e-12)
+        eps = run.xi - run.xihat
+        return np.abs(eps[1] - eps[0] @ (Ad - L @ Cd).T).max()
+
+    whole, shorter, closer = left_out(0.02, 0.002), left_out(0.01, 0.002), left_out(0.02, 0.001)
+    assert 3.7 < whole / shorter < 4.3 and 3.7 < whole / closer < 4.3
+
+
 @needs_gcc
-def test_an_fmu_answers_like_the_loop(tmp_path):
-    """Two inputs, three states: u, v and dhat have two components, x and packets three; called as the standard says."""
-    problem, period = PROBLEMS["plants"], 0.05
+def test_where_f_is_undefined_the_estimate_stays(tmp_path):
+    """x' = -log(1 + x) + u + d, measured at -2 once: the sample after it tells nothing, the next one does."""
+    parts = {"exosystem": dd.Exosystem(A=[[0]], C=[[1]]), "observer": dd.Observer(W=[[2]]), "target": 0}
+    nodes = dd.Dynamics(f=["-log(1 + x)"])
+    problem = PROBLEMS["carts"].replace(dynamics=nodes, coupling="y", gains={"a": 2}, simulation=None, **parts)
+    agents = compiled(problem, tmp_path, "1/20")
+    first, before, stays, after = (agents(0, np.full((3, 1), x))[2] for x in (0.5, -2.0, 0.4, 0.3))
+    np.testing.assert_array_equal(stays, before)
+    assert not first.any() and np.isfinite(after).all() and (after != before).all()
+
+
+@needs_gcc
+@pytest.mark.parametrize(("name", "m", "p"), [("plants", 3, 2), ("resonators", 2, 1)])
+def test_an_fmu_answers_like_the_loop(name, m, p, tmp_path):
+    """u, v and dhat have p components, x and packets m; called as the standard says."""
+    problem, period = PROBLEMS[name], 0.05
     times = [k * period for k in range(41)]
     run = dd.simulate(problem, t_final=times[-1], samples=times, stress=dd.Stress(period=period), seed=2)
     with zipfile.ZipFile(dd.export.to_fmu(problem, period="1/20", agent="a").save(tmp_path / "a.fmu")) as archive:
         archive.extractall(tmp_path)
     told = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
     numbers = {each.get("name"): int(each.get("valueReference")) for each in told.find("ModelVariables")}
-    inputs = [f"x[{c}]" for c in (1, 2, 3)] + [f"heard[b][{c}]" for c in (1, 2, 3)]
-    outputs = [f"{name}[{c}]" for name in ("u", "dhat") for c in (1, 2)] + [f"y[{c}]" for c in (1, 2, 3)]
+    inputs = [f"{name}[{c + 1}]" for name in ("x", "heard[b]") for c in range(m)]
+    outputs = [f"{name}[{c + 1}]" if p > 1 else name for name in ("u", "dhat") for c in range(p)]
+    outputs += [f"y[{c + 1}]" for c in range(m)]
     library = ctypes.CDLL(str(next(tmp_path.glob("binaries/*/dobc_agent.*"))))
     make = library.fmi3InstantiateCoSimulation
     make.restype = ctypes.c_void_p

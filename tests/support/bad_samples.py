@@ -20,7 +20,7 @@ from random_problems import random_problem
 import dobc_design as dd
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import to_float
-from dobc_design.export.rounding_bound import Erring, ErringAlgebra, coupling_with_error
+from dobc_design.export.rounding_bound import Erring, ErringAlgebra, with_errors
 from dobc_design.problem.load import load_problem
 
 BUILT_IN = ("paper-fixed", "paper-switching", "clock-sync", "karate-club", "uav-swarm", "microgrid-ieee14")
@@ -202,7 +202,7 @@ class Missing:
         for arc in self.arcs[mode]:
             if arc.neighbour in self.packets:
                 y = (self.packets[arc.neighbour] - e)[None]
-                h = coupling_with_error(self.couplings[arc.coupling], Erring(y, 0 * y), ErringAlgebra(0.0)).value[0]
+                h = with_errors(self.couplings[arc.coupling].components, Erring(y, 0 * y), ErringAlgebra(0.0)).value[0]
                 self.felt = self.felt + float(arc.weight) * h
         u = -self.gain @ e - dhat
         self.held = self.felt + u

@@ -49,6 +49,15 @@ def pendulums() -> dd.Problem:
     return double_integrators().replace(name="pendulums", dynamics=nodes, gains={"a": 3})
 
 
+def resonators() -> dd.Problem:
+    """m = 2, p = 1: f has the smooth functions of the grammar, no component of it is a state, B is no part of the
+    identity, and W acts on x."""
+    smooth = "exp(x1)*cos(x2) + cosh(x1) - 2/(1 + x2**2) + x1*atan(x2) + x1**2*asinh(x2) + sqrt(1 + x1**2) - 1"
+    nodes = Dynamics(f=["x2 - tanh(x1)/2", f"-2*sin(x1) - x2 - log(1 + x1**2)*sinh(x2) - ({smooth})/4"], B=[[1], [2]])
+    other = {"target": [0, 0], "observer": dd.Observer(W=[[0, "8/5"], [1, "1/5"]])}
+    return pendulums().replace(name="resonators", dynamics=nodes, **other)
+
+
 def felt(problem: dd.Problem, e: Any) -> Any:
     """The couplings of all agents, (n, p), for e (n, m); the problems above, by hand."""
     arcs = {0: 1, 1: 2, 2: 0}  # a hears b, b hears c, c hears a
@@ -64,7 +73,8 @@ def matrices(problem: dd.Problem) -> dict[str, Any]:
     def floats(rows: Any) -> Any:
         return np.array([[float(x) for x in row] for row in rows])
 
-    A, B = floats(problem.dynamics.A or [[0, 1], [-3, "-0.5"]]), floats(problem.dynamics.B)
+    slopes = {"pendulums": [[0, 1], [-3, "-0.5"]], "resonators": [["-0.5", 1], ["-2.25", -1]]}
+    A, B = floats(problem.dynamics.A or slopes[problem.name]), floats(problem.dynamics.B)
     S, C, W = floats(problem.exosystem.A), floats(problem.exosystem.C), floats(problem.observer.W)
     left = np.linalg.pinv(B)
     goals = floats([problem.goal_of(i) for i in range(problem.n)])
@@ -80,8 +90,19 @@ def drift(problem: dd.Problem) -> Callable[..., Any]:
     """A x or f(x) for x (..., m)."""
     if problem.name == "pendulums":
         return lambda x: np.stack([x[..., 1], -(x[..., 0] ** 3) - x[..., 1] / 2], axis=-1)
+    if problem.name == "resonators":
+        return resonance
     A = np.array([[float(x) for x in row] for row in problem.dynamics.A])
     return lambda x: x @ A.T
+
+
+def resonance(x: Any) -> Any:
+    """f of ``resonators``."""
+    a, b = x[..., 0], x[..., 1]
+    smooth = np.exp(a) * np.cos(b) + np.cosh(a) - 2 / (1 + b**2) + a * np.arctan(b) + a**2 * np.arcsinh(b)
+    smooth = smooth + np.sqrt(1 + a**2) - 1
+    pull = -2 * np.sin(a) - b - np.log1p(a**2) * np.sinh(b) - smooth / 4
+    return np.stack([b - np.tanh(a) / 2, pull], axis=-1)
 
 
 def full_loop(problem: dd.Problem, limit: float = np.inf) -> tuple[Callable[..., Any], Callable[..., Any]]:

@@ -47,7 +47,7 @@ def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
     if coupling and problem.dynamics is None:
         raise SpecError("coupling can be designed for agents with [dynamics] only.", key="coupling")
     if others:
-        problem.require_integrators("a design with cost, region or conservative, or a trade-off")
+        problem.require_integrators("a design with cost, region, noise or conservative, or a trade-off")
 
 
 def design_observer(
@@ -63,7 +63,7 @@ def design_observer(
 
     ``rate`` (1/s); ``region``: HalfPlane, Disk, Cone or a list; ``noise``: bound on the H-infinity norm from
     measurement noise to dhat, or NoiseLimit; ``digits`` of W; ``period`` (s) of a sampled observer.  Where agents have
-    different exosystems, the W of every group has to do it.
+    different exosystems, the W of every group has to do it.  With [dynamics] noise and period are not known.
     Returns: an ObserverDesign: PROVED; REFUTED with the reason; UNDECIDED. The last two with the nearest request.
     Raises: SpecError for a wrong request or a problem without [exosystem].
     Example:
@@ -78,7 +78,9 @@ def design_observer(
         raise SpecError(text, key="exosystem", cure="dobc_design.exosystems has common shapes, constant() among them.")
     rate = problem.joint_observer.rate if rate is None else rate
     request = read_observer_request(rate=rate, region=region, noise=noise, digits=digits, period=period)
-    return search_groups(observed(problem), request)
+    if problem.dynamics is not None and (request.noise or request.period):
+        problem.require_integrators("the design of an observer with noise or a period")  # C s (sI - F)^-1 W, and Cd
+    return search_groups(observed(problem), replace(request, norms=problem.dynamics is None))
 
 
 @shows_progress
@@ -162,7 +164,7 @@ def design(
         'proved'
     """
     problem = load_problem(problem)
-    _check(problem, coupling=coupling, others=conservative)
+    _check(problem, coupling=coupling, others=conservative or noise is not None)
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     how: dict[str, Any] = {"digits": digits, "reduce": reduce, "conservative": conservative}
     request = replace(read_design_request(problem.network.labels, **how, **limits), coupling=coupling)

@@ -60,8 +60,9 @@ def obstacle(problem: Problem, request: DesignRequest, structure: Structure) -> 
         s = max(roots, key=lambda s: (s.real, s.imag))
         falls = f"decays no faster, and {float(rate):.4g} 1/s are asked" if rate else "does not decay"
         text = f"no input reaches the mode s = {f'{s:.4g}' if s.imag else f'{s.real:.4g}'} of the agents (a root of"
-        text += f" {hidden.unobservable_text}): whatever couplings and gains are, an error in it {falls}."
+        text += f" {hidden.unobservable_text}): whatever couplings and gains are, an error in it {falls}"
         sure = count_right_half_plane(moved) > 0 or not (rate or bend)
+        text += "." if sure or bend is None else " by the slopes of f; what f is beside them is not looked at."
         return (refuted if sure else undecided)("stabilisable", text, polynomial=hidden.unobservable_text)
     if found is not None:  # agents that settle by themselves, or by what f has beside its slopes, need no pin
         settled = routh(characteristic_polynomial(A)).verdict is Verdict.PROVED

@@ -302,7 +302,8 @@ def _tightened(asked: DesignRequest, found: Design) -> Design:
 def observer_at(problem: Problem, request: DesignRequest, rate: Fraction | None) -> ObserverDesign:
     """A W for every group within the request's bounds on noise; without a ``rate`` (1/s) for that of the file."""
     rate = problem.joint_observer.rate if rate is None else rate
-    return search_groups(observed(problem), ObserverRequest(rate=rate, noise=request.noise, digits=request.digits))
+    asked = ObserverRequest(rate=rate, noise=request.noise, digits=request.digits, norms=problem.dynamics is None)
+    return search_groups(observed(problem), asked)
 
 
 def _pace(observer: ObserverDesign) -> Fraction:
@@ -523,7 +524,9 @@ def pins_words(problem: Problem, structure: Structure, pinned: Sequence[int], *,
     """Which agents are pinned, and why so many."""
     labels, groups = problem.network.labels, structure.groups
     if len(pinned) == structure.least:
-        if len(groups) > 1:
+        if problem.dynamics is not None:  # which may settle by themselves
+            why = "the network is held where it listens to nobody outside"
+        elif len(groups) > 1:
             why = f"{len(groups)} groups listen to nobody outside, and each needs a pin"
         elif len(groups[0]) == problem.n:
             why = "at least one is needed, or the group can drift as a whole. No more were needed"

@@ -135,13 +135,14 @@ class NoiseLimit(Told):
 class ObserverRequest:
     """What a gain W has to do.  Absent limits are None or empty.  ``rate`` (1/s): every eigenvalue has Re <= -rate.
     ``regions``: where else the spectrum must lie.  ``noise``: bounds on norms.  ``digits``: significant digits of W.
-    ``period`` (s): sampled observer."""
+    ``period`` (s): sampled observer.  ``norms``: what passes through it is stated; not known with [dynamics]."""
 
     rate: Fraction | None = None
     regions: tuple[SpectralRegion, ...] = ()
     noise: tuple[NoiseLimit, ...] = ()
     digits: int = 4
     period: Fraction | None = None
+    norms: bool = True
 
     @property
     def all_regions(self) -> tuple[SpectralRegion, ...]:

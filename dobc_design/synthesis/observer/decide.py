@@ -244,8 +244,10 @@ def envelope_statement(exosystem: Exosystem, W: Matrix, envelope: claim.Envelope
     return proved("lyapunov", text, **{name: number_text(value) for name, value in values.items()})
 
 
-def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, float]) -> dict[str, float]:
-    """Gain, rate (1/s), damping and the norms of the three channels, "hinf measurement" and so on, for W (q, m)."""
+def proved_measures(
+    exosystem: Exosystem, W: Matrix, estimates: Mapping[str, float], *, norms: bool
+) -> dict[str, float]:
+    """Gain, rate (1/s), damping and the ``norms`` of three channels, "hinf measurement" and so on, for W (q, m)."""
     F = error_matrix(exosystem, W)
     result = {"gain": size_above(W)}
     for name, holds in (("rate", rate_holds), ("damping", damping_holds)):
@@ -257,7 +259,7 @@ def proved_measures(exosystem: Exosystem, W: Matrix, estimates: Mapping[str, flo
             result[name] = found
     if "peak" in estimates:
         result["peak_seen"] = estimates["peak"]
-    for name in claim.CHANNELS if exosystem.order <= LARGEST_ORDER else ():
+    for name in claim.CHANNELS if norms and exosystem.order <= LARGEST_ORDER else ():
         system = channel(exosystem, W, name)
         square = h2_squared(system)
         result[f"h2 {name}"] = math.inf if square is None else root_above(square)

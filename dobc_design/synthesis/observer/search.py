@@ -116,7 +116,7 @@ def _proved(
             if bound is not None:
                 P, statements = envelope.P, (*statements, bound)
                 break
-        measures = decide.proved_measures(exosystem, W, estimate_observer(exosystem, W))
+        measures = decide.proved_measures(exosystem, W, estimate_observer(exosystem, W), norms=request.norms)
         if request.rate is not None:  # proved as well, and exact where eigenvalues are hard to estimate
             measures["rate"] = max(measures.get("rate", 0.0), shorten(request.rate))
     return ObserverDesign(

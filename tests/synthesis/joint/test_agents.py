@@ -168,6 +168,29 @@ def test_observers_are_designed_for_the_inputs():
     assert dd.certify(seen).check("hurwitz").verdict is Verdict.PROVED
 
 
+def test_noise_and_periods_of_observers_are_refused_and_no_norm_is_stated():
+    """Noise reaches dhat by C (sI - F)^-1 W B+ (sI - A), not by C s (sI - F)^-1 W, and Cd of a period depends on A."""
+    problem = agents(2, exosystem=WIND)
+    for call in (
+        lambda: dd.design_observer(problem, rate=1, period="1/10"),
+        lambda: dd.design_observer(problem, noise=5),
+        lambda: dd.design(problem, noise=5),
+    ):
+        with pytest.raises(SpecError, match="noise"):
+            call()
+    assert set(dd.design_observer(problem, rate=1).measures) == {"gain", "rate", "damping", "peak_seen"}
+    assert "noise" not in str(dd.design(problem, coupling=True))
+
+
+def test_what_slopes_say_of_f_is_not_said_of_f():
+    """x1' = -x1^3 falls, though no input reaches it; agents that settle by themselves do not drift without a pin."""
+    found = dd.design(agents(2, Dynamics(f=["-x1**3", "0"], B=[[0], [1]])))
+    assert found.verdict is Verdict.UNDECIDED
+    assert found.reason.endswith("does not decay by the slopes of f; what f is beside them is not looked at.")
+    calm = dd.design(agents(2, Dynamics(A=[[-1, 0], [0, -1]], B=[[0], [1]])))
+    assert calm.verdict is Verdict.PROVED and "drift" not in str(calm)
+
+
 def test_the_command_writes_a_file_that_certify_proves(command_line, tmp_path):
     code, out, _ = command_line("design", "platoon", "--coupling", "--rate", "0.4", "--out", "new.toml", "--json")
     document = json.loads(out)

@@ -44,7 +44,7 @@ FASTER, MORE = 1.005, 1.25  # than the rate asked; times the least strength, whe
 MORE_DIGITS = (0, 2, 5)  # of R than of the gains
 STRONGER, STEPS, WIDE = 1.5, 20, 1.02  # networks, one after the other; of a bisection; than the least that is seen
 MOST_AGENTS = 400  # whose eigenvalues are computed
-LEAST, STRENGTHS = 0.01, (1.0, 1e2, 1e4, 1e6)  # of a coupling that agents do not need; of networks, that are tried
+LEAST, STRENGTHS = 0.01, (1.0, 1e2, 1e4, 1e6)  # of couplings that agents hardly need; of networks, that are tried
 
 
 def obstacle(problem: Problem, request: DesignRequest, structure: Structure) -> Statement | None:
@@ -101,7 +101,8 @@ def designs(
     if high is None:
         return
     least = WIDE * bisected(does, high, 0.0, steps=STEPS)[0]
-    for strength in (least,) if rate else (MORE * least, None):
+    strengths = (None, MORE * least) if least < LEAST else (MORE * least, None)
+    for strength in (least,) if rate else strengths:
         for gains in networks(network.statements.problem, strength, ()):
             yield changed(gains, multiply(dynamics.left_inverse, network.G))
 

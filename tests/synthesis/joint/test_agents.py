@@ -168,6 +168,17 @@ def test_observers_are_designed_for_the_inputs():
     assert dd.certify(seen).check("hurwitz").verdict is Verdict.PROVED
 
 
+def test_agents_that_need_no_strength_get_the_gains_of_integrators():
+    """A = 0 and B = 1 is the integrator; A = -1 is 1/s faster with the same gains."""
+    ring = Network.from_arcs([[1, 2], [2, 3], [3, 1], [4, 1]], arrow="listens_to", agents=4)
+    plain = Problem(network=ring, coupling="y", target=0)
+    wanted = dd.design(plain)
+    for A in (0, -1):
+        found = dd.design(plain.replace(dynamics=Dynamics(A=[[A]])))
+        checked(found, wanted.rate - A - 1e-3)
+        assert found.gains == wanted.gains
+
+
 def test_noise_and_periods_of_observers_are_refused_and_no_norm_is_stated():
     """Noise reaches dhat by C (sI - F)^-1 W B+ (sI - A), not by C s (sI - F)^-1 W, and Cd of a period depends on A."""
     problem = agents(2, exosystem=WIND)

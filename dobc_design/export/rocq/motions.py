@@ -11,11 +11,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from importlib.resources import files
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, Final
 
 from dobc_design.certificate.certificate import Certificate
@@ -44,7 +44,7 @@ from dobc_design.verdict import Verdict
 THEORY: Final = ("statement", "comparison", "consensus", "rows")
 MOST_ARCS, MOST_STATES = 400, 6  # of all modes together, and of one exosystem
 DEEPEST: Final = 12  # halvings of a piece, until a row is seen to hold
-MOST_PIECES: Final = 200  # of one row
+MOST_PARTS: Final = 200  # of one row
 CUTS: Final = 64  # of a range of arguments, where a turn is looked for
 #: Functions of the expression language in Coq; {0} is the argument, in brackets where it needs them.
 CALLS: Final = {name: f"{name} {{0}}" for name in ("exp", "sin", "cos", "atan", "sqrt")} | {
@@ -55,6 +55,10 @@ CALLS: Final = {name: f"{name} {{0}}" for name in ("exp", "sin", "cos", "atan", 
     "cosh": "((exp {0} + exp (- {0})) / 2)",
     "asinh": "ln ({0} + sqrt ({0} ^ 2 + 1))",
 }
+
+
+Heard = tuple[int, Fraction, int]  # the speaker, the weight, the place of the coupling
+Cell = tuple[Interval, Interval, Interval]  # of arguments; h and h' there
 
 
 def real(x: Fraction | int) -> str:
@@ -91,9 +95,9 @@ class RocqAlgebra(Infix):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arc:
-    """What an agent hears on a piece, for arguments in [low, high], and why its coupling is at most h(s step): it rises
-    (everywhere, or here), falls, or has its peak there, rising from ``turn`` on and below it at most ``bound``; without
-    ``step`` it is bounded by ``bound``."""
+    """What an agent hears on a part of a row, for arguments in [low, high], and why its coupling is at most h(s step):
+    it rises (everywhere, or here: rising), falls, or has its peak there, rising from ``turn`` on and below it at most
+    ``bound``; without ``step`` it is bounded by ``bound``."""
 
     who: int
     weight: Fraction
@@ -116,9 +120,24 @@ class Part:
     arcs: tuple[Arc, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """An agent in a mode on a face, 1 or -1 (the lower: couplings are mirrored, -h(-y)), and what its pin leaves."""
+
+    mode: int
+    agent: int
+    face: int
+    room: Fraction
+    parts: tuple[Part, ...]
+
+    @property
+    def name(self) -> str:
+        return f"{'upper' if self.face > 0 else 'lower'}_{self.mode}_{self.agent}"
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The rows of a claim and their pieces; both faces: of the lower one couplings are mirrored, -h(-y)."""
+    """The rows of a claim, and their parts."""
 
     problem: Problem
     claim: Separable
@@ -141,130 +160,111 @@ class Rows:
     @cached_property
     def rising(self) -> dict[int, bool]:
         """Whether a coupling rises as far as that."""
-        return {place: self._way(place, 1, Interval(-far, far)) > 0 for place, far in self.far.items()}
+        return {k: all(slope.lo >= 0 for *_, slope in self._cells(k, 1, -far, far)) for k, far in self.far.items()}
+
+    def all(self) -> Iterator[Row]:
+        """Every row, mode by mode, agent by agent.  Raises: SpecError if one has too little room, UndefinedError."""
+        gains = holding_gains(self.problem)
+        for face, (p, mode), i in product((1, -1), enumerate(self.problem.network.modes), range(self.problem.n)):
+            arcs = [(j, w, self.problem.coupling_place(i, j)) for a, j, w in self.problem.network.modes[mode] if a == i]
+            room = (gains[i] - self.claim.alpha) * self.claim.v[i]
+            parts = self._parts(arcs, i, face, room)
+            if parts is None:
+                message = (
+                    f"the row of agent {self.problem.network.labels[i]} in mode {mode} has too little room for Coq."
+                )
+                raise SpecError(message, key="checks", cure="`dobc verify` checks the certificate.")
+            yield Row(mode=p, agent=i, face=face, room=room, parts=tuple(parts))
+
+    def _parts(self, arcs: Sequence[Heard], agent: int, face: int, room: Fraction) -> list[Part] | None:
+        """Parts of (0, rho] on which a row is seen to be at most ``room`` s; None if they are not found."""
+        high, found, waiting = self.rho, list[Part](), list[tuple[Fraction, Fraction]]()
+        for _ in range(DEEPEST):
+            near = self._part(arcs, agent, face, Fraction(0), high)
+            if all(arc.kind in ("rises", "rising", "falling") for arc in near.arcs) and self._holds(near, face, room):
+                found, waiting = [near], [(high, self.rho)] if high < self.rho else []
+                break
+            high /= 2
+        while waiting:
+            low, high = waiting.pop()
+            part, middle = self._part(arcs, agent, face, low, high), Fraction(round((low + high) * 2**19), 2**20)
+            if self._holds(part, face, room):
+                found.append(part)
+            elif len(found) + len(waiting) < MOST_PARTS and low < middle < high:
+                waiting += [(middle, high), (low, middle)]
+            else:
+                return None
+        return found or None
+
+    def _part(self, arcs: Sequence[Heard], agent: int, face: int, low: Fraction, high: Fraction) -> Part:
+        return Part(
+            low=low, high=high, near=low == 0, arcs=tuple(self._arc(each, agent, face, low, high) for each in arcs)
+        )
+
+    def _arc(self, heard: Heard, agent: int, face: int, low: Fraction, high: Fraction) -> Arc:
+        (j, w, place), v = heard, self.claim.v
+        step, reach = v[j] - v[agent], v[j] + v[agent]
+        ends = -high * reach, max(low * step, high * step)
+        arc = Arc(who=j, weight=Fraction(w), law=place, kind="rises", low=ends[0], high=ends[1], step=step)
+        if self.rising[place]:
+            return arc
+        cells = list(self._cells(place, face, arc.low, arc.high))
+        falling = [k for k, (*_, slope) in enumerate(cells) if slope.lo < 0]
+        if not falling:
+            return replace(arc, kind="rising")
+        if all(slope.hi <= 0 for *_, slope in cells):
+            return replace(arc, kind="falling", step=-reach)
+        below, rest = cells[: falling[-1] + 1], cells[falling[-1] + 1 :]
+        most = self._most(place, face, below)
+        least = min(self._jet(place, face, Interval.point(s * step))[0].lo for s in (low, high))
+        if rest and most <= least:
+            return replace(arc, kind="peak", bound=most, turn=rest[0][0].lo)
+        return replace(arc, kind="bounded", step=None, bound=self._most(place, face, cells))
 
     def _jet(self, place: int, face: int, Y: Interval) -> tuple[Interval, Interval, Interval]:
         """h, h' and h'' on Y, mirrored on the lower face."""
         found = jet(self.curves[place], Y if face > 0 else -Y)
         if found.curvature is None:
-            raise UndefinedError("a coupling has a kink.")
-        value, curvature = (found.value, found.curvature) if face > 0 else (-found.value, -found.curvature)
-        return value, found.slope, curvature
+            raise UndefinedError("it has a kink.")
+        return (found.value if face > 0 else -found.value), found.slope, found.curvature * face
 
-    def _way(self, place: int, face: int, Y: Interval, depth: int = 6) -> int:
-        """1 where the coupling rises on Y, -1 where it falls, 0 where neither is seen."""
-        slope = self._jet(place, face, Y)[1]
-        if slope.lo >= 0 or slope.hi <= 0:
-            return 1 if slope.lo >= 0 else -1
-        ways = {self._way(place, face, half, depth - 1) for half in Y.halves()} if depth else {0}
-        return ways.pop() if len(ways) == 1 else 0
+    def _cells(self, place: int, face: int, low: Fraction, high: Fraction) -> Iterator[Cell]:
+        """A range of arguments in cells, with h and h' on each."""
+        cuts = [low + (high - low) * k / CUTS for k in range(CUTS + 1)]
+        for cell in (Interval(a, b) for a, b in pairwise(cuts)):
+            yield (cell, *self._jet(place, face, cell)[:2])
 
-    def pieces(self, mode: str, agent: int, face: int, room: Fraction) -> list[Part]:
-        """Parts of (0, rho] on which the row is seen to be at most ``room`` s.  Raises: SpecError if none are found."""
-        arcs = [(j, w, self.problem.coupling_place(i, j)) for i, j, w in self.problem.network.modes[mode] if i == agent]
-        high = self.rho
-        for _ in range(DEEPEST):
-            near = self._near(arcs, agent, face, high)
-            if near is not None and self._falls(near, face, room, Interval(Fraction(0), high)):
-                break
-            high /= 2
-        else:
-            raise self._tight(agent, mode)
-        found, waiting = [near], [(high, self.rho)] if high < self.rho else []
-        while waiting:
-            low, high = waiting.pop()
-            piece = Part(low=low, high=high, near=False, arcs=tuple(self._arc(x, agent, face, low, high) for x in arcs))
-            exact = all(arc.step is not None for arc in piece.arcs)
-            if self._below(piece, face, room, Interval(low, high), DEEPEST if exact else 4):
-                found.append(piece)
-                continue
-            middle = Fraction(round((low + high) * 2**19), 2**20)
-            if len(found) + len(waiting) > MOST_PIECES or not low < middle < high:
-                raise self._tight(agent, mode)
-            waiting += [(middle, high), (low, middle)]
-        return found
+    def _most(self, place: int, face: int, cells: Sequence[Cell]) -> Fraction:
+        """What a coupling does not exceed on cells, rounded up: where it is monotone, at an end."""
+        ends = (cell.ends()[slope.lo >= 0] if slope.sign else cell for cell, _, slope in cells)
+        return Fraction(math.ceil(max(self._jet(place, face, end)[0].hi for end in ends) * 2**20) + 1, 2**20)
 
-    def _tight(self, agent: int, mode: str) -> SpecError:
-        message = f"the row of agent {self.problem.network.labels[agent]} in mode {mode} has too little room for Coq."
-        return SpecError(message, key="checks", cure="`dobc verify` checks the certificate.")
+    def _holds(self, part: Part, face: int, room: Fraction) -> bool:
+        exact = all(arc.step is not None for arc in part.arcs)
+        return self._below(part, face, room, Interval(part.low, part.high), DEEPEST if exact else 4)
 
-    def _arc(self, heard: tuple[int, Fraction, int], agent: int, face: int, low: Fraction, high: Fraction) -> Arc:
-        j, w, place = heard
-        v = self.claim.v
-        step, reach = v[j] - v[agent], v[j] + v[agent]
-        ends = -high * reach, max(low * step, high * step)
-        shared: dict[str, Any] = {"who": j, "weight": w, "law": place, "low": ends[0], "high": ends[1]}
-        if self.rising[place]:
-            return Arc(kind="rises", step=step, **shared)
-        way = self._way(place, face, Interval(*ends))
-        if way:
-            return Arc(kind="rising" if way > 0 else "falling", step=step if way > 0 else -reach, **shared)
-        turn = next((x for x in _grid(*ends) if self._way(place, face, Interval(x, ends[1])) > 0), ends[1])
-        most = self._most(place, face, ends[0], turn)
-        least = min(self._jet(place, face, Interval.point(s * step))[0].lo for s in (low, high))
-        if ends[0] < turn < ends[1] and most <= least:
-            return Arc(kind="peak", step=step, bound=most, turn=turn, **shared)
-        return Arc(kind="bounded", bound=self._most(place, face, *ends), **shared)
+    def _below(self, part: Part, face: int, room: Fraction, S: Interval, depth: int) -> bool:
+        """Whether the row (near 0: its slope) is at most what the pin leaves, on S or in halves of it."""
+        value, slope = self._row(part, face, room, S)
+        if value.hi <= 0 or (slope.sign and self._row(part, face, room, S.ends()[slope.lo >= 0])[0].hi <= 0):
+            return True
+        return depth > 0 and all(self._below(part, face, room, half, depth - 1) for half in S.halves())
 
-    def _most(self, place: int, face: int, low: Fraction, high: Fraction) -> Fraction:
-        """What the coupling does not exceed on [low, high], rounded up."""
-        found = Fraction(-(2**200))
-        for part in _parts(low, high):
-            value, slope, _ = self._jet(place, face, part)
-            if slope.sign:  # largest at one of the ends
-                value = self._jet(place, face, part.ends()[slope.lo > 0])[0]
-            found = max(found, value.hi)
-        return Fraction(math.ceil(found * 2**20) + 1, 2**20)
-
-    def _near(self, arcs: Sequence[Any], agent: int, face: int, high: Fraction) -> Part | None:
-        found = tuple(self._arc(each, agent, face, Fraction(0), high) for each in arcs)
-        if any(arc.kind in ("bounded", "peak") for arc in found):
-            return None
-        return Part(low=Fraction(0), high=high, near=True, arcs=found)
-
-    def _falls(self, piece: Part, face: int, room: Fraction, S: Interval, depth: int = DEEPEST) -> bool:
-        """Whether the derivative of the row by s is at most ``room`` on S."""
-        value, slope = Interval.point(-room), Interval.point(Fraction(0))
-        ends = [Interval.point(Fraction(0))] * 2
-        for arc in piece.arcs:
-            step = arc.step or Fraction(0)
-            _, first, second = self._jet(arc.law, face, S * step)
-            value, slope = value + first * (arc.weight * step), slope + second * (arc.weight * step**2)
-            at = (self._jet(arc.law, face, end * step)[1] * (arc.weight * step) for end in S.ends())
-            ends = [x + y for x, y in zip(ends, at, strict=True)]
-        return self._shown(value, slope, [x - room for x in ends]) or (
-            depth > 0 and all(self._falls(piece, face, room, half, depth - 1) for half in S.halves())
-        )
-
-    def _below(self, piece: Part, face: int, room: Fraction, S: Interval, depth: int) -> bool:
-        """Whether the row is at most ``room`` s on S."""
-        value, slope = -S * room, Interval.point(-room)
-        ends = [-end * room for end in S.ends()]
-        for arc in piece.arcs:
+    def _row(self, part: Part, face: int, room: Fraction, S: Interval) -> tuple[Interval, Interval]:
+        """What the row (near 0: its slope) has beyond what the pin leaves, and its derivative by s."""
+        none = Interval.point(Fraction(0))
+        value, slope = (none - room, none) if part.near else (-S * room, none - room)
+        for arc in part.arcs:
+            step, h = arc.step or Fraction(0), none + arc.bound
             if arc.step is None:
-                value, ends = value + arc.weight * arc.bound, [x + arc.weight * arc.bound for x in ends]
+                value = value + h * arc.weight
                 continue
-            h, first, _ = self._jet(arc.law, face, S * arc.step)
-            value, slope = value + h * arc.weight, slope + first * (arc.weight * arc.step)
-            at = (self._jet(arc.law, face, end * arc.step)[0] * arc.weight for end in S.ends())
-            ends = [x + y for x, y in zip(ends, at, strict=True)]
-        return self._shown(value, slope, ends) or (
-            depth > 0 and all(self._below(piece, face, room, half, depth - 1) for half in S.halves())
-        )
-
-    @staticmethod
-    def _shown(value: Interval, slope: Interval, ends: Sequence[Interval]) -> bool:
-        """Whether a function with this value, slope and ends is at most 0, by itself or at its largest end."""
-        rises, falls = slope.lo >= 0 and ends[1].hi <= 0, slope.hi <= 0 and ends[0].hi <= 0
-        return value.hi <= 0 or rises or falls
-
-
-def _grid(low: Fraction, high: Fraction) -> list[Fraction]:
-    return [low + (high - low) * k / CUTS for k in range(CUTS + 1)]
-
-
-def _parts(low: Fraction, high: Fraction) -> Iterator[Interval]:
-    return (Interval(a, b) for a, b in pairwise(_grid(low, high)))
+            h, first, second = self._jet(arc.law, face, S * step)
+            value, slope = (
+                value + (first * step if part.near else h) * arc.weight,
+                slope + (second * step if part.near else first) * (step * arc.weight),
+            )
+        return value, slope
 
 
 def proved_in_states(certificate: Certificate) -> tuple[Check, Separable] | None:
@@ -308,74 +308,44 @@ def motions_proof(certificate: Certificate) -> str:
     rho = claim.rho or rounded_up(radius / claim.least + error.kappa * share, digits=6)
     rows = Rows(problem, claim, rho)
     try:
-        listed = list(_rows(rows, holding_gains(problem)))
+        listed = list(rows.all())
     except UndefinedError as undefined:
         raise SpecError(f"a coupling is not smooth as far out: {undefined}", key="coupling.h") from undefined
-    far = {place: real(x) for place, x in rows.far.items()}
     laws = [
         {
             "text": coupling.texts[0],
             "rocq": evaluate(coupling.components[0].node, [Piece("y", ATOM)], RocqAlgebra()).text,
-            "far": far.get(place),
+            "far": real(rows.far[place]) if place in rows.far else None,
             "rises": rows.rising.get(place, False),
-            "unfolds": f"h{place + 1}" + (f" h{place + 1}' h{place + 1}_derivative" if place in far else ""),
+            "unfolds": f"h{place + 1}" + (f" h{place + 1}' h{place + 1}_derivative" if place in rows.far else ""),
         }
         for place, coupling in enumerate(problem.couplings)
     ]
-    groups = [*_groups(problem, claims.W, error)]
+    groups, region = [*_groups(problem, claims.W, error)], problem.region
     group = {label: g for g, each in enumerate(problem.groups) for label in each.agents}
-    region, span = problem.region, f"{float(radius):.6g}"
-    asked = None if region is None or max(asked_radius(problem)) > radius else region.initial_states
-    same = asked is not None and len(set(asked)) == 1
-    loud = f"|x_i(t) - goal_i| <= {float(rho):.6g} v_i exp(-{float(rate):.6g} t) in every component, for all t >= 0"
-    seen = f", and with |xi_i - xihat_i| <= {float(off):.6g} (Euclidean)" if groups else ""
-    if region is not None and groups and (region.initial_disturbance or 0) > off:
-        same = False
+    bound = f"|x_i(t) - goal_i| <= {float(rho):.6g} v_i exp(-{float(rate):.6g} t) in every component, for all t >= 0"
+    inside = region is not None and max(asked_radius(problem)) <= radius and (region.initial_disturbance or 0) <= off
+    asked = set(region.initial_states) if region is not None and inside else set()
     return template("rocq_motions.v.j2").render(
-        head=_head(certificate, loud),
+        head=_head(certificate, bound),
         theory=[_theory(name) for name in THEORY],
-        problem=problem,
-        n=problem.n,
-        m=problem.m,
-        laws=laws,
         labels=", ".join(f"{i} ({label})" for i, label in enumerate(problem.network.labels)),
-        graphs=[{"name": mode, "arcs": _arcs(problem, mode)} for mode in problem.network.modes],
-        gains=problem.pinning.gains,
-        target=[real(x) for x in problem.target],
-        offsets={i: [real(x) for x in offset] for i, offset in problem.offsets.items()},
-        groups=groups,
+        graphs={mode: _arcs(problem, mode) for mode in problem.network.modes},
         group=_chosen([group.get(label, len(groups)) for label in problem.network.labels]),
-        v=[real(x) for x in claim.v],
-        k=[real(x) for x in holding_gains(problem)],
-        alpha=real(claim.alpha),
-        kappa=real(error.kappa),
-        beta=real(error.beta),
-        size=real(error.size),
-        rho=real(rho),
-        error=real(share),
-        everywhere=claim.rho is None,
-        radius=real(radius),
-        off=real(off),
-        rate=real(rate),
-        rows=listed,
-        uppers=[row["name"] for row in listed if row["face"] == "upper"],
-        lowers=[row["name"] for row in listed if row["face"] == "lower"],
-        seen=[f"exact (seen{c}_{g} a)" for g in range(len(groups)) for c in range(problem.m)],
-        claim=[
-            "Every motion of the loop, under any switching of its modes, that starts with"
-            f" |x_i(0) - goal_i| <= {span} in every component{seen}, has {loud}."
-        ],
-        states=None
-        if asked is None or not same
-        else {
-            "low": real(asked[0][0]),
-            "high": real(asked[0][1]),
-            "words": [
-                "The same for the starts that were asked for: every component of every x_i(0) is in"
-                f" {list(map(float, asked[0]))}."
-            ],
+        k=holding_gains(problem),
+        seen=f", and with |xi_i - xihat_i| <= {float(off):.6g} (Euclidean)" if groups else "",
+        asked=asked.pop() if len(asked) == 1 else None,
+        **{
+            "problem": problem,
+            "claim": claim,
+            "error": error,
+            "share": share,
+            "rho": rho,
+            "radius": radius,
+            "off": off,
         },
-        **{each.__name__: each for each in (comment, matrix, wrapped_list)},
+        **{"rate": rate, "rows": listed, "laws": laws, "groups": groups, "bound": bound},
+        **{each.__name__: each for each in (comment, matrix, real, wrapped_list)},
     )
 
 
@@ -411,55 +381,6 @@ def _chosen(values: Sequence[int]) -> str:
     if len(set(values)) <= 1:
         return f"{values[0]}%nat"
     return "match i with " + " ".join(f"| {i} => {x}%nat" for i, x in enumerate(values)) + " | _ => 0%nat end"
-
-
-def _rows(rows: Rows, gains: Sequence[Fraction]) -> Iterator[dict[str, Any]]:
-    """Every row as the template wants it."""
-    problem, claim = rows.problem, rows.claim
-    for p, mode in enumerate(problem.network.modes):
-        for i, label in enumerate(problem.network.labels):
-            room = (gains[i] - claim.alpha) * claim.v[i]
-            for face, name in ((1, "upper"), (-1, "lower")):
-                pieces = rows.pieces(mode, i, face, room)
-                yield {
-                    "name": f"{name}_{p}_{i}",
-                    "face": name,
-                    "mode": p,
-                    "agent": i,
-                    "room": real(room),
-                    "words": f"Agent {label}, mode {mode}, {name} face.",
-                    "pieces": [_piece(rows, each, face) for each in pieces],
-                }
-
-
-def _piece(rows: Rows, piece: Part, face: int) -> dict[str, Any]:
-    return {
-        "low": real(piece.low),
-        "high": real(piece.high),
-        "near": piece.near,
-        "far": real(max((rows.far[arc.law] for arc in piece.arcs), default=Fraction(1))),
-        "arcs": [_arc(arc, face) for arc in piece.arcs],
-    }
-
-
-def _arc(arc: Arc, face: int) -> dict[str, Any]:
-    h = f"h{arc.law + 1}"
-    facing, slope = (h, f"{h}'") if face > 0 else (f"(mirrored {h})", f"(fun y => {h}' (- y))")
-    return {
-        "who": arc.who,
-        "weight": real(Fraction(arc.weight)),
-        "law": h,
-        "facing": facing,
-        "slope": slope,
-        "fact": h if face > 0 else f"{h}m",
-        "kind": arc.kind,
-        "low": real(arc.low),
-        "high": real(arc.high),
-        "step": None if arc.step is None else real(arc.step),
-        "bound": real(arc.bound),
-        "turn": real(arc.turn),
-        "most": real(arc.bound) if arc.step is None else f"{facing} (s * {real(arc.step)})",
-    }
 
 
 def _groups(problem: Problem, W: Matrix | None, error: ErrorBound) -> Iterator[dict[str, Any]]:

@@ -43,35 +43,33 @@ Definition total (l : list term) (s : R) : R := fold_right (fun t r => weight t 
 Definition steepness (l : list term) (s : R) : R :=
   fold_right (fun t r => weight t * (step t * slope t (s * step t)) + r) 0 l.
 
-Lemma total_derive : forall l lo hi s,
-  Forall (fun t => smooth (fn t) (slope t) lo hi /\ lo <= s * step t <= hi) l ->
+Lemma total_derive : forall l s,
+  Forall (fun t => is_derive (fn t) (s * step t) (slope t (s * step t))) l ->
   derivable_pt_lim (total l) s (steepness l s).
 Proof.
-  induction l as [|t l IH]; intros lo hi s H; simpl.
+  induction l as [|t l IH]; intros s H; simpl.
   - apply derivable_pt_lim_const.
-  - inversion H as [|? ? [D B] Hl]; subst.
-    apply (derivable_pt_lim_plus (fun s => weight t * fn t (s * step t)) (total l)); [|exact (IH lo hi s Hl)].
+  - inversion H as [|? ? D Hl]; subst.
+    apply (derivable_pt_lim_plus (fun s => weight t * fn t (s * step t)) (total l)); [|exact (IH s Hl)].
     apply (derivable_pt_lim_scal (fun s => fn t (s * step t))).
     rewrite (Rmult_comm (step t)).
-    apply (derivable_pt_lim_comp (fun s => s * step t) (fn t)); [|apply is_derive_Reals, D, B].
+    apply (derivable_pt_lim_comp (fun s => s * step t) (fn t)); [|apply is_derive_Reals, D].
     apply is_derive_Reals. auto_derive; [exact I | ring].
 Qed.
 
 (* Near 0 the slopes decide: where the sum of weight (v_j - v_i) h' is at most c on [0, s0], the row is at most c s. *)
-Lemma from_zero : forall l lo hi s0 c,
-  Forall (fun t => smooth (fn t) (slope t) lo hi /\ fn t 0 = 0 /\ lo <= Rmin 0 (s0 * step t) /\ Rmax 0 (s0 * step t) <= hi) l ->
+Lemma from_zero : forall l s0 c,
+  Forall (fun t => smooth (fn t) (slope t) (Rmin 0 (s0 * step t)) (Rmax 0 (s0 * step t)) /\ fn t 0 = 0) l ->
   (forall s, 0 <= s <= s0 -> steepness l s <= c) ->
   forall s, 0 <= s <= s0 -> total l s <= c * s.
 Proof.
-  intros l lo hi s0 c H P s Hs.
+  intros l s0 c H P s Hs.
   assert (Z : total l 0 = 0).
-  { clear P. induction H as [|t l (_ & E & _) _ IH]; simpl; [reflexivity|]. rewrite IH, Rmult_0_l, E. ring. }
+  { clear P. induction H as [|t l (_ & E) _ IH]; simpl; [reflexivity|]. rewrite IH, Rmult_0_l, E. ring. }
   destruct (Req_dec s 0) as [->|N]; [rewrite Z; lra|].
   destruct (MVT_cor2 (total l) (steepness l) 0 s) as [d [E Hd]]; [lra| |].
-  - intros d Hd. apply (total_derive l lo hi). eapply Forall_impl; [|exact H].
-    intros t (D & _ & Lo & Hi). split; [exact D|].
-    assert (Rmin 0 (s0 * step t) <= d * step t <= Rmax 0 (s0 * step t)); [|lra].
-    destruct (Rle_dec 0 (step t)).
+  - intros d Hd. apply total_derive. eapply Forall_impl; [|exact H].
+    intros t (D & _). apply D. destruct (Rle_dec 0 (step t)).
     + rewrite Rmin_left, Rmax_right by nra. nra.
     + rewrite Rmin_right, Rmax_left by nra. nra.
   - assert (steepness l d <= c) by (apply P; lra). rewrite Z in E. nra.

@@ -69,7 +69,7 @@ _MOVED = {
     **dict.fromkeys(("Fixed", "Markov", "Mobile", "Periodic", "RandomDwell", "Schedule", "Waypoints"), "signals"),
     **dict.fromkeys(("Cone", "Disk", "HalfPlane", "NoiseLimit"), "poles"),
     **dict.fromkeys(("to_c", "to_casadi", "to_control", "to_fmu", "to_latex"), "export"),
-    **dict.fromkeys(("to_mat", "to_numpy", "to_sdpa", "to_sympy"), "export"),
+    **dict.fromkeys(("to_numpy", "to_sdpa", "to_sympy"), "export"),
     "plot_regions": "Certificate",
 }
 

@@ -25,7 +25,7 @@ search_certificate signals simulate sweep trade_off verify what_breaks_first wri
 #: Types that functions return, and what the modules among the names hold for users.
 TYPES = "Analysis Falsification Model ObserverDesign Pinning PinningDesign Settling Suspect SweepResult TradeOff"
 INSIDE = """
-export.to_c export.to_casadi export.to_control export.to_fmu export.to_latex export.to_mat export.to_numpy
+export.to_c export.to_casadi export.to_control export.to_fmu export.to_latex export.to_numpy
 export.to_sdpa export.to_sympy poles.Cone poles.Disk poles.HalfPlane poles.NoiseLimit signals.Fixed signals.Markov
 signals.Mobile signals.Periodic signals.RandomDwell signals.Schedule signals.Waypoints
 """

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
-from dobc_design.certificate.files import write_atomically
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.coupling.functions import FUNCTIONS
 from dobc_design.errors import SpecError
@@ -120,19 +118,6 @@ def to_sdpa(problem: Source) -> str:
     verdicts = [check.verdict for check in found.checks if check.id in wanted]
     pair = None if found.pair is None else (found.pair.P, found.pair.Q)
     return sdpa_text(problem, pair=pair, verdict=Verdict.all_of(verdicts) if verdicts else None)
-
-
-def to_mat(problem: Source, path: str | PathLike[str]) -> Path:
-    """Write A, C, L, W, P, k, xbar, offsets, h, labels, modes to a MATLAB file.
-
-    Numbers become doubles.  Returns: the path.  Raises: SpecError for couplings of single arcs.
-    """
-    from dobc_design.export.matrices import mat_bytes
-
-    problem = _loaded(problem)
-    problem.require_integrators("a MATLAB file")
-    write_atomically(Path(path), mat_bytes(problem))
-    return Path(path)
 
 
 def to_casadi(problem: Source, function: str = "closed_loop", *, mode: str | None = None) -> Any:

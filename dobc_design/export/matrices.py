@@ -1,12 +1,11 @@
-"""The matrices of a problem, with those of its certificate, by name: exact, in NumPy, in SymPy, in LaTeX, for MATLAB.
+"""The matrices of a problem, with those of its certificate, by name: exact, in NumPy, in SymPy, in LaTeX.
 
     A, C, W, P, Q   exosystem, observer gain, Lyapunov matrix, P W       K   pinning gains, (n p, n m), p = m
     Ax, B   of agents with [dynamics]: A, or the slopes of f at the target, and B
     L   Laplacian of the weights, (n, n)      Lambda   J + J' - (K + K') at the consensus, where slopes are rational
     xbar   the target, (m, 1)
 
-With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE.  In a MATLAB file numbers are doubles;
-arcs with a coupling of their own have no place in a Laplacian and are refused there.
+With several modes L and Lambda stand once for each, as L_MODE and Lambda_MODE.
 
 The inequality of Lemma 1, Theorem 1 or 2 in SDPA's sparse format: minimise t subject to Psi_mode(P, Q) <= t I for every
 mode, I <= P <= rho I, |Q| <= r.  Unknowns: the upper triangle of P row by row, Q row by row, t; solvers read minimise
@@ -16,7 +15,6 @@ rho and r bound the search (theory, section 2); where there is a proved pair bot
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -32,7 +30,6 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.pencil import Pencil, Place, below, positive
 from dobc_design.exact.symmetric import SparseSymmetric
-from dobc_design.problem.arrays import exosystem_arrays, goals
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -103,60 +100,6 @@ def latex_of(found: Mapping[str, Matrix], problem: Problem) -> str:
         size = rf" \in \mathbb{{R}}^{{{len(each)} \times {len(each[0])}}}"
         lines.append(shown + (size if entries is None else f" = {entries}"))
     return "\n".join(f"\\[ {line} \\]" for line in lines) + "\n"
-
-
-MOST_AGENTS = 2000  # L is dense
-
-
-def mat_bytes(problem: Problem) -> bytes:
-    """The bytes of a .mat file with A, C, L, W, P, k, xbar, offsets, h, labels, modes, name.  Raises: SpecError for
-    couplings of single arcs, and above 2000 agents."""
-    from scipy.io import savemat
-
-    if problem.exceptions:
-        message = f"a .mat file has no place for the {len(problem.exceptions)} arcs with a coupling of their own."
-        raise SpecError(message, key="to_mat", cure="Write the problem file instead.")
-    if problem.n > MOST_AGENTS:
-        message = f"L is written for at most {MOST_AGENTS} agents; the problem has {problem.n}."
-        raise SpecError(message, key="to_mat", cure="Write the problem file instead.")
-    stream = io.BytesIO()
-    savemat(stream, _variables(problem), do_compression=True)
-    return stream.getvalue()
-
-
-def _variables(problem: Problem) -> dict[str, Any]:
-    n, m = problem.n, problem.m
-    layers = np.zeros((n, n, len(problem.network.modes)))
-    for number, arcs in enumerate(problem.network.modes.values()):
-        weights = to_float((arcs.weights,))[0]
-        layers[arcs.listeners, arcs.speakers, number] = -weights
-        layers[np.arange(n), np.arange(n), number] = np.bincount(arcs.listeners, weights=weights, minlength=n)
-    gains = np.zeros((m, m, n))
-    for agent, gain in problem.pinning.gains.items():
-        gains[:, :, agent] = to_float(gain)
-    target = to_float((problem.target,))
-    found: dict[str, Any] = {
-        "L": layers[:, :, 0] if layers.shape[2] == 1 else layers,
-        "k": gains[0, 0][:, None] if problem.pinning.is_scalar and (m == 1 or n != 1) else gains,
-        "xbar": target,
-        "offsets": goals(problem) - target,
-        "h": _cells(problem.coupling.texts),
-        "labels": _cells(problem.network.labels),
-        "modes": _cells(tuple(problem.network.modes)),
-        "name": problem.name,
-    }
-    if problem.exosystem is not None:
-        found["A"], found["C"] = exosystem_arrays(problem)
-        for name, matrix in (("W", problem.observer.W), ("P", problem.observer.P)):
-            if matrix is not None:
-                found[name] = to_float(matrix)
-    return found
-
-
-def _cells(texts: tuple[str, ...]) -> Any:
-    cells = np.empty((len(texts), 1), dtype=object)
-    cells[:, 0] = texts
-    return cells
 
 
 MOST_SDPA_ROWS = 4000

@@ -1,8 +1,7 @@
-"""Matrices of a problem or certificate in NumPy, SymPy, LaTeX, CasADi and MATLAB."""
+"""Matrices of a problem or certificate in NumPy, SymPy, LaTeX, and CasADi."""
 
 import numpy as np
 import pytest
-import scipy.io
 import sympy
 from certified import certified
 
@@ -82,23 +81,3 @@ def test_casadi_functions_come_by_name():
     assert dd.export.to_casadi(planar(), "h", mode="two").size1_out(0) == 6
     with pytest.raises(SpecError, match="function must be one of h, jacobian"):
         dd.export.to_casadi("paper-fixed", "loop")
-
-
-def test_a_matlab_file_holds_the_matrices(tmp_path):
-    """Read by SciPy; thirds become doubles, and what a Laplacian cannot say is refused."""
-    problem = planar()
-    found = scipy.io.loadmat(dd.export.to_mat(problem, tmp_path / "problem.mat"), squeeze_me=True)
-    numbers = dd.export.to_numpy(problem)
-    for number, mode in enumerate(problem.network.modes):
-        np.testing.assert_array_equal(found["L"][:, :, number], numbers[f"L_{mode}"])
-    for name in ("A", "C", "W"):
-        np.testing.assert_array_equal(found[name], numbers[name])
-    np.testing.assert_array_equal(found["k"].transpose(2, 0, 1)[2], [[2, 1], [-1, 2]])
-    np.testing.assert_array_equal(found["xbar"], [1, -2])
-    assert [text.strip() for text in found["h"]] == ["2*y1 + y2", "y2**3 + y2"]
-    network = Network.from_arcs([[1, 2, "1/3"]], arrow="listens_to")
-    third = scipy.io.loadmat(dd.export.to_mat(Problem(network=network, coupling="y"), tmp_path / "third.mat"))
-    assert third["L"][0, 1] == -1 / 3
-    with pytest.raises(SpecError, match="coupling of their own"):
-        dd.export.to_mat(Problem(network=network, coupling="y", exceptions={(0, 1): "2*y"}), tmp_path / "no.mat")
-    assert not (tmp_path / "no.mat").exists()

@@ -123,5 +123,5 @@ def _worst(values: Mapping[str, Fraction], head: str, limits: Mapping[str, Fract
         doc.Column(head, lambda row: row[0][0], style="number"),
         doc.Column("limit", lambda row: row[0][1], style="number", only=doc.EVERY if any(limits.values()) else ()),
     )
-    rest = doc.Text(f"And {more} more agents, with less; certificate.json has them all.", "caption")
+    rest = doc.Text(f"And {more} more, with less; certificate.json has them all.", "caption")
     return (table, rest) if more else (table,)

@@ -35,6 +35,7 @@ from dobc_design.simulation.trajectory import Trajectory
 
 SECONDS = 10.0
 MOST_SAMPLES = 400
+COARSE = 1e-6  # relative tolerance where agents have to be integrated: the code is compared at the states recorded
 
 
 class Recorder:
@@ -50,28 +51,38 @@ class Recorder:
         self.last: tuple[Fraction, Trajectory] | None = None
 
     def objection(self, controller: Controller) -> str:
-        """Why this period does not do in a simulation, or ""."""
+        """Why this period does not do in a simulation, or "".  Raises: SpecError where none does."""
         run = self.run(controller)
+        if run.diverged and (free := self.simulated(controller, None)).diverged:
+            message = f"in a simulation {free.reason}, although nothing is sampled: no period helps."
+            cure = "Give starts from which the loop converges: simulation.x0, or a [region]."
+            raise SpecError(message, key="simulation", cure=cure)
         return f"in a simulation {run.reason}." if run.diverged else ""
 
     def run(self, controller: Controller) -> Trajectory:
         """The sampled loop at the controller's period."""
         if self.last is None or self.last[0] != controller.period:
-            period = float(controller.period)
-            times = [k * period for k in range(max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1))]
             given = _limits(controller).get(_recorded_agent(controller).label)
             limit = None if given is None else float(rounded(given, "double"))
-            setting = make_setting(
-                controller.problem,
-                mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
-                signal=self.signal,
-                t_final=times[-1],
-                samples=times,
-                gain=self.gain,
-                stress=Stress(period=period, sampled_gain=self.sampled, saturation=limit),
-            )
-            self.last = controller.period, run_once(setting)
+            stress = Stress(period=float(controller.period), sampled_gain=self.sampled, saturation=limit)
+            self.last = controller.period, self.simulated(controller, stress)
         return self.last[1]
+
+    def simulated(self, controller: Controller, stress: Stress | None) -> Trajectory:
+        """The loop at the multiples of the period."""
+        period = float(controller.period)
+        times = [k * period for k in range(max(2, min(MOST_SAMPLES, int(SECONDS / period)) + 1))]
+        setting = make_setting(
+            controller.problem,
+            mode=next(iter(controller.problem.network.modes)) if self.signal is None else None,
+            signal=self.signal,
+            t_final=times[-1],
+            samples=times,
+            tolerance=COARSE,
+            gain=self.gain,
+            stress=stress,
+        )
+        return run_once(setting)
 
     def recorded(self, controller: Controller) -> Recorded:
         """What one agent measures, hears and does: the first of the table that is pinned, else the first.  Raises:

@@ -27,10 +27,10 @@ from scipy.linalg import expm
 from dobc_design.errors import ShapeError, wrong
 from dobc_design.problem.arrays import Array
 from dobc_design.problem.network import IndexArray
-from dobc_design.simulation.columns import MOST_STEPS, RightHandSide, Stretch
+from dobc_design.simulation.columns import RightHandSide, Stretch
 from dobc_design.simulation.field import Loop, act
 from dobc_design.simulation.integrate import FARTHEST, Outcome, Progress, Run, Samples
-from dobc_design.simulation.stressed import Crew, Loops, StressedRuns, sample_instants
+from dobc_design.simulation.stressed import LEAST_STEPS, Crew, Loops, StressedRuns, sample_instants
 
 
 def flow(loop: Loop, times: float | Array) -> Array:
@@ -200,14 +200,14 @@ class Stepper:
                 farthest=self.farthest[loops.alive],
                 switches=(np.zeros(count), np.zeros(count, dtype=np.int64)),
                 steps=self.steps[loops.alive],
-                most=MOST_STEPS,
+                most=LEAST_STEPS,
                 tolerance=self.tolerance,
                 visit=visit,
             ).run()
             self.steps[loops.alive] = found.steps
             for place, reason in found.reasons().items():
                 which, kept = np.arange(len(self.going)) == loops.alive[place], self.times <= found.times[place]
-                words = reason or f"more than {MOST_STEPS} steps are needed to the sample after t = {begin:.6g} s"
+                words = reason or f"agents are too stiff for {LEAST_STEPS} steps to the sample after t = {begin:.6g} s"
                 self.end(which & self.going, int(np.count_nonzero(kept)), words)
         return path
 

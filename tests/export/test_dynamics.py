@@ -245,6 +245,15 @@ def test_what_the_observer_leaves_out_of_f_is_of_second_order_in_the_period_and_
     assert 3.7 < whole / shorter < 4.3 and 3.7 < whole / closer < 4.3
 
 
+def test_a_loop_that_leaves_in_continuous_time_too_is_refused_at_once():
+    """x' = x^3 - x/2 + u from 3, without a pin: at infinity after 0.03 s, whatever the period is."""
+    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
+    parts = {"dynamics": dd.Dynamics(f=["x**3 - x/2"]), "coupling": "y", "simulation": {"x0": [3]}}
+    with pytest.raises(SpecError, match="although nothing is sampled: no period helps") as caught:
+        dd.export.to_c(dd.Problem(network=alone, **parts), period="1/20")
+    assert caught.value.key == "simulation"
+
+
 @needs_gcc
 def test_where_f_is_undefined_the_estimate_stays(tmp_path):
     """x' = -log(1 + x) + u + d, measured at -2 once: the sample after it tells nothing, the next one does."""

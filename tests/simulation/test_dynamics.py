@@ -133,6 +133,17 @@ def test_agents_that_leave_within_a_period_end_their_run_alone():
     assert 0 < np.isnan(many.error[:, -1]).sum() < 20
 
 
+def test_agents_that_are_too_stiff_between_samples_end_their_run():
+    """x' = -1e6 x^3 + 1 from 1: after a layer 1e6 x^3 = 1; with 1e18 an explicit method needs some 250,000 steps a period."""
+    alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
+    stress = dd.Stress(period=0.5)
+    for k, target, stiff in ((6, "1/100", False), (18, "1e-6", True)):
+        problem = dd.Problem(network=alone, dynamics=Dynamics(f=[f"-1e{k}*x**3 + 1"]), coupling="y", target=target)
+        run = dd.simulate(problem, t_final=2, samples=5, start=[[1]], stress=stress)
+        assert run.diverged is stiff and ("too stiff for 1000 steps" in run.reason) is stiff
+        assert stiff or run.x[1:] == pytest.approx(0.01)
+
+
 @pytest.mark.parametrize("problem", [PROBLEMS[0], PROBLEMS[2]])
 def test_what_breaks_first_knows_the_period(monkeypatch: pytest.MonkeyPatch, problem):
     monkeypatch.setattr("dobc_design.simulation.breaking.OPTIONS", ("saturation", "period"))

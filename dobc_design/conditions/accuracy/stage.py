@@ -36,7 +36,7 @@ from dobc_design.conditions.separable.propose_coordinates import Agents, candida
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import largest_claim, separable_stage
 from dobc_design.exact.interval import UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, to_float
+from dobc_design.exact.matrix import Matrix, Vector, identity, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.peaks import MOST_STEPS
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
@@ -247,14 +247,16 @@ def _turned(
     if known is None or known.verdict is not Verdict.PROVED:
         known = separable_stage(read_region(problem, W, domain=domain, everything=True), lambda _: None)[0]
     base = known.claim
-    if not isinstance(base, Separable) or base.T is None or base.rho is None or isinstance(known.domain, str):
+    if not isinstance(base, Separable) or base.rho is None or isinstance(known.domain, str):
         return
+    T, copies = base.T or identity(problem.m), range(1 if base.T else problem.m)  # by component |e_ic| <= v_i
+    v = tuple(x for x in base.v for _ in copies)
     for part in PARTS:
         radius, disturbance = (decimal_below(claimed(known.domain[x]) * part) for x in ("radius", "disturbance"))
         with at_most(STAGE), surviving("no final bounds in coordinates", UndefinedError):
-            inwards = propose_turned(problem, peaks, base.T, tuple(base.v), base.rho * part)
+            inwards = propose_turned(problem, peaks, T, v, base.rho * part)
             stages = tuple(islice(inwards, MOST_STAGES))
-            claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=base.error, T=base.T)
+            claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=base.error, T=T)
             yield from _proved(problem, W, claim, starts_in("box", radius, disturbance), domain)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
-from itertools import islice, pairwise
+from itertools import accumulate, islice
 from typing import Any, Final
 
 import numpy as np
@@ -160,8 +160,8 @@ class _Turned:
 
     def pull(self, v: Array, _: Sequence[float]) -> Array:
         """The slopes (count, n m) that the rows ask of weights v (count, n m)."""
-        m = len(self.T)
-        return np.array([self.agents.rows(self.T, self.gains, each.reshape(-1, m))[0].ravel() for each in v])
+        found = self.agents.largest(self.T, self.gains, v.reshape(len(v), -1, len(self.T)))
+        return np.asarray(found.reshape(v.shape))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -267,7 +267,7 @@ def _drafts(
     error: ErrorBound | None,
 ) -> Iterator[Cycles]:
     """Claims for these rows, the fastest first."""
-    size = len(linear.ways[0][0][1])
+    size = linear.ways[0][1].shape[-1]
     top, steepest = linear.estimate(size), STEEPEST if rho is None else max(FAR, FAR / float(rho))
     for part, slack, bend in TRIED if rho is None else TRIED_CURVED:
         most = top if error is None else min(top, float(error.beta))
@@ -297,10 +297,10 @@ def _ends(first: Fraction, last: Fraction) -> list[Fraction]:
     return [first] if first == last else [first + (last - first) * k / ENDS for k in range(ENDS + 1)]
 
 
-def _most(way: Sequence[tuple[Fraction, Array]], rate: float) -> Array:
-    """exp(rate t) v(t) at most, between two times with the larger v and the later one."""
-    later = [math.exp(rate * b) * np.maximum(v, w) for (_, v), (b, w) in pairwise(way)]
-    return np.asarray(np.max([math.exp(rate * way[0][0]) * way[0][1], *later], axis=0))
+def _most(times: Array, v: Array, rate: float) -> Array:
+    """exp(rate t) v(t) at most, for v (count, n), between two times with the larger v and the later one."""
+    larger = np.vstack([v[:1], np.maximum(v[:-1], v[1:])])
+    return np.asarray(np.max(np.exp(rate * times)[:, None] * larger, axis=0))
 
 
 def _step(flows: Sequence[_Flow], x: Sequence[Array], rate: float) -> list[Array] | None:
@@ -310,7 +310,8 @@ def _step(flows: Sequence[_Flow], x: Sequence[Array], rate: float) -> list[Array
         way = flow.way(start, rate)
         if way is None:
             return None
-        handed = _most([each for each in way if each[0] >= flow.phase.shortest], rate)
+        ends = [each for each in way if each[0] >= flow.phase.shortest]
+        handed = _most(np.array([float(t) for t, _ in ends]), np.array([v for _, v in ends]), rate)
         for q in flow.phase.successors:
             found[q] = np.maximum(found[q], handed)
     return found
@@ -321,7 +322,7 @@ class _Linear:
     """The same for the linearisation at the target: products of matrices, for phases of finite and of any length."""
 
     phases: Sequence[Phase]
-    ways: Sequence[Way]  # of each phase: times at which it may end, and the map until then
+    ways: Sequence[tuple[Array, Array]]  # of each phase: times (s) at which it may end, and the maps until then
 
     @classmethod
     def at_the_target(cls, problem: Problem, phases: Sequence[Phase]) -> _Linear | None:
@@ -339,17 +340,20 @@ class _Linear:
 
     @classmethod
     def along(cls, phases: Sequence[Phase], M: Mapping[str, Array]) -> _Linear:
-        ways = list[Way]()
+        ways = list[tuple[Array, Array]]()
         for phase in phases:
             last = phase.shortest * 2 if phase.longest is None else phase.longest
-            ways.append([(t, expm(M[phase.mode] * float(t))) for t in _ends(phase.shortest, last)])
+            times = np.array([float(t) for t in _ends(phase.shortest, last)])
+            first, part = (expm(M[phase.mode] * t) for t in (times[0], (times[-1] - times[0]) / ENDS))
+            maps = accumulate([part] * (len(times) - 1), np.matmul, initial=first)
+            ways.append((times, np.array(list(maps))))
         return cls(phases=phases, ways=ways)
 
     def step(self, x: Sequence[Array], rate: float) -> list[Array]:
         """G(x)."""
         found = [np.zeros_like(each) for each in x]
-        for phase, way, start in zip(self.phases, self.ways, x, strict=True):
-            handed = _most([(t, each @ start) for t, each in way], rate)
+        for phase, (times, maps), start in zip(self.phases, self.ways, x, strict=True):
+            handed = _most(times, maps @ start, rate)
             for q in phase.successors:
                 found[q] = np.maximum(found[q], handed)
         return found
@@ -364,7 +368,7 @@ class _Linear:
                 return 0.0
             shrinking.append(-math.log(size))
             x = [each / size for each in found]
-        mean = float(sum(way[-1][0] for way in self.ways)) / len(self.ways)
+        mean = float(np.mean([times[-1] for times, _ in self.ways]))
         return sum(shrinking[ITERATIONS // 2 :]) / (ITERATIONS - ITERATIONS // 2) / mean
 
 

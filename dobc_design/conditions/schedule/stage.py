@@ -222,7 +222,8 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     if (reason := obstacle(problem, W, turned=turned)) is not None:
         return [undecided(reason)]
     report("following the weights from mode to mode")
-    for search in (_turned_cycles,) if turned else (_weighted_cycles, _bare_cycles):
+    own = (_turned_cycles,) if problem.origin is not None else ()  # where A couples components
+    for search in (_turned_cycles,) if turned else (_weighted_cycles, *own, _bare_cycles):
         try:
             with at_most(STAGE), surviving("no weights under the guarantee"):
                 spend(0)
@@ -231,7 +232,7 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
                     return [cycles_check(problem, W, claim, asked)]
         except WorkLimitError as limit:
             logger.warning("no weights under the guarantee: %s", limit)
-    missed = None if turned else next(unreached_cycles(problem, phases_of(problem)), None)
+    missed = None if turned or own else next(unreached_cycles(problem, phases_of(problem)), None)
     reason = f"no weights are found that fall for {guarantee_in_words(problem)}."
     if missed is not None:
         reason = f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."

@@ -21,6 +21,7 @@ from dobc_design.conditions.check import Check, Values
 from dobc_design.exact.matrix import matrix, multiply
 from dobc_design.exact.peaks import peak_gains
 from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.dynamics import Dynamics
 
 certify = cache(certified)
 PAPER = load_problem("paper-fixed")
@@ -134,6 +135,19 @@ def test_bounds_of_agents_with_dynamics_are_never_below_the_exact_gain(seed: int
     assert max(ratio) <= (10 if problem.q else 4)
     assert both(problem, lambda exact: None) == (True, True)
     assert both(problem, scaled(["bounds", "1", 0], "0.9999")) == (False, False)
+
+
+def test_agents_with_dynamics_and_couplings_by_component_have_bounds():
+    """e_1' = -3 e_1 - e_1 + w, e_2' = -3 e_2 + sin(e_1 - e_2) + w: w = 1/50 leaves 1/200, and near (w + 1/200)/4."""
+    network = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": 1}).network
+    agents = Dynamics(A=[[-3, 0], [0, -3]])
+    problem = Problem(network=network, coupling="sin(y)", gains={"1": 1}, target=[0, 0], dynamics=agents)
+    problem = problem.replace(uncertainty={"disturbance": "1/50"}, region={"initial_states": ["-1/5", "1/5"]})
+    check = row(problem)
+    assert check.verdict is Verdict.PROVED, check.reason
+    for label, exact in (("1", 0.005), ("2", 0.00625)):
+        assert all(exact * (1 - 1e-4) <= float(x) <= 1.01 * exact for x in check.claim.bounds[label])
+    assert both(problem, lambda exact: None) == (True, True)
 
 
 def test_inputs_too_large_for_the_gains_are_undecided():

@@ -277,3 +277,20 @@ def test_double_integrators_that_are_never_connected(coupling: str, region: Any)
     assert result.weights == ()
     run = simulate(own, start={"x": [[0.05, -0.05]] * 3}, t_final=12)
     assert np.all(np.abs(run.x).max(axis=(1, 2)) <= result.envelope(run)(run.times) + 1e-12)
+
+
+def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
+    """p' = q + sum of (p_j - p_i), q' = -3 q + sum of (q_j - q_i): by component the pinned agent looks unreached."""
+    network = Network.from_arcs({"A": [], "B": [[2, 1]]}, arrow="listens_to", agents=2)
+    turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
+    agents = Dynamics(A=[[0, 1], [0, -3]])
+    own = Problem(network=network, coupling="y", gains={1: 1}, target=[0, 0], switching=turns, dynamics=agents)
+    result = certify(own)
+    check, round_ = schedule_of(result), np.eye(4)
+    assert result.verdict is check.verdict is Verdict.PROVED
+    for w in (0, 1):
+        L = np.array([[1, 0], [-w, w]])
+        round_ = expm(np.kron(np.eye(2), [[0, 1], [0, -3]]) - np.kron(L, np.eye(2))) @ round_
+    rate = -np.log(max(abs(np.linalg.eigvals(round_)))) / 2
+    assert 0.9 * rate <= float(check.rate) <= rate
+    assert accepted_by(json.loads(certificate_bytes(result.claims)), own) == (True, True)

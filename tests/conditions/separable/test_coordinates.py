@@ -12,6 +12,7 @@ from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.coordinates import enclosed_ranges, reaches, slowest_row
 from dobc_design.conditions.separable.decide import covers, verify_composite
+from dobc_design.conditions.separable.propose_coordinates import Agents
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import to_float
@@ -104,6 +105,17 @@ def test_rows_are_those_of_the_worst_matrix_at_all_corners_of_the_gains(seed):
         metzler = np.where(np.eye(3 * m, dtype=bool), Z, np.abs(Z))
         worst = min(worst, np.min(-(metzler @ weights) / weights))
     assert worst - 1e-3 <= float(slowest_row(own, turn, v, ranges).rate) <= worst + 1e-9  # all gains are 1e-5 wider
+
+
+def test_rows_of_many_weights_at_once_are_those_of_one_at_a_time():
+    network = Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3, optional=[[1, 3]])
+    problem = agents(h="tanh(y1)", network=network, gains={1: [[1, 0]]}, dynamics=Dynamics(f=PENDULUM, B=[[0], [1]]))
+    known, r = Agents.of(as_integrators(problem), most=3), np.random.default_rng(1)
+    T, v = r.normal(size=(2, 2)), r.uniform(0.5, 2, (5, 3, 2))
+    gains = known.gains_at(T, v[0], 0.3)
+    assert gains is not None
+    each = [known.rows(T, gains, one)[0] for one in v]
+    np.testing.assert_allclose(known.largest(T, gains, v), each, rtol=1e-12, atol=1e-12)
 
 
 def test_differences_reach_as_far_as_the_weights_say():

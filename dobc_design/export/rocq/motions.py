@@ -36,7 +36,6 @@ from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import template
 from dobc_design.export.rocq.matrices import comment, require_own, wrapped_list
-from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -311,41 +310,21 @@ def motions_proof(certificate: Certificate) -> str:
         listed = list(rows.all())
     except UndefinedError as undefined:
         raise SpecError(f"a coupling is not smooth as far out: {undefined}", key="coupling.h") from undefined
-    laws = [
-        {
-            "text": coupling.texts[0],
-            "rocq": evaluate(coupling.components[0].node, [Piece("y", ATOM)], RocqAlgebra()).text,
-            "far": real(rows.far[place]) if place in rows.far else None,
-            "rises": rows.rising.get(place, False),
-            "unfolds": f"h{place + 1}" + (f" h{place + 1}' h{place + 1}_derivative" if place in rows.far else ""),
-        }
-        for place, coupling in enumerate(problem.couplings)
-    ]
-    groups, region = [*_groups(problem, claims.W, error)], problem.region
+    region, groups = problem.region, [*_groups(problem, claims.W, error)]
     group = {label: g for g, each in enumerate(problem.groups) for label in each.agents}
-    bound = f"|x_i(t) - goal_i| <= {float(rho):.6g} v_i exp(-{float(rate):.6g} t) in every component, for all t >= 0"
     inside = region is not None and max(asked_radius(problem)) <= radius and (region.initial_disturbance or 0) <= off
     asked = set(region.initial_states) if region is not None and inside else set()
+    values = {"problem": problem, "claims": claims, "claim": claim, "error": error, "share": share, "rho": rho}
     return template("rocq_motions.v.j2").render(
-        head=_head(certificate, bound),
-        theory=[_theory(name) for name in THEORY],
-        labels=", ".join(f"{i} ({label})" for i, label in enumerate(problem.network.labels)),
-        graphs={mode: _arcs(problem, mode) for mode in problem.network.modes},
-        group=_chosen([group.get(label, len(groups)) for label in problem.network.labels]),
-        k=holding_gains(problem),
-        seen=f", and with |xi_i - xihat_i| <= {float(off):.6g} (Euclidean)" if groups else "",
-        asked=asked.pop() if len(asked) == 1 else None,
-        **{
-            "problem": problem,
-            "claim": claim,
-            "error": error,
-            "share": share,
-            "rho": rho,
-            "radius": radius,
-            "off": off,
-        },
-        **{"rate": rate, "rows": listed, "laws": laws, "groups": groups, "bound": bound},
+        **values,
+        **{"radius": radius, "off": off, "rate": rate, "rows": listed, "far": rows.far, "rising": rows.rising},
         **{each.__name__: each for each in (comment, matrix, real, wrapped_list)},
+        theory=[_theory(name) for name in THEORY],
+        laws=[evaluate(h.components[0].node, [Piece("y", ATOM)], RocqAlgebra()).text for h in problem.couplings],
+        group=[group.get(label, len(groups)) for label in problem.network.labels],
+        groups=groups,
+        k=holding_gains(problem),
+        asked=asked.pop() if len(asked) == 1 else None,
     )
 
 
@@ -355,61 +334,22 @@ def _theory(name: str) -> str:
     return re.sub(r"^(Require|From|Import|Open Scope) .*\n", "", text, flags=re.MULTILINE).strip() + "\n"
 
 
-def _head(certificate: Certificate, loud: str) -> list[str]:
-    problem, claims = certificate.problem, certificate.claims
-    return [
-        f"Every motion converges: the problem {problem.name}, to be checked by Coq.",
-        f"Claim: {loud}; the theorem every_motion_converges in part 4.",
-        "Check it by: coqc FILE.v (Coq 8.16 with Coquelicot and Interval; in Debian the packages coq, libcoq-coquelicot"
-        " and libcoq-interval).",
-        "To be read: the definitions down to `converges` in part 1, part 2, and the theorem. The rest are proofs.",
-        f"Made by dobc_design {claims.version}. SHA-256 of the problem: {problem_sha256(problem)}.",
-        *(f"Note: {note}" for note in problem.notes),
-    ]
-
-
-def _arcs(problem: Problem, mode: str) -> list[str]:
-    found = []
-    for i, j, w in problem.network.modes[mode]:
-        h = f"h{problem.coupling_place(i, j) + 1}"
-        found.append(f"Arc {i} {j} {h}" if w == 1 else f"Arc {i} {j} (fun y => {real(Fraction(w))} * {h} y)")
-    return found
-
-
-def _chosen(values: Sequence[int]) -> str:
-    """The group of agent i."""
-    if len(set(values)) <= 1:
-        return f"{values[0]}%nat"
-    return "match i with " + " ".join(f"| {i} => {x}%nat" for i, x in enumerate(values)) + " | _ => 0%nat end"
-
-
 def _groups(problem: Problem, W: Matrix | None, error: ErrorBound) -> Iterator[dict[str, Any]]:
     """A, C, W, P of every group of agents, and their inequalities as sums of squares."""
     above = 0
     if W is None:
         return
-    for g, (each, gain) in enumerate(zip(problem.groups, gains_of(problem.groups, W), strict=True)):
+    for each, gain in zip(problem.groups, gains_of(problem.groups, W), strict=True):
         A, C, q = each.exosystem.A, each.exosystem.C, len(each.exosystem.A)
         P = tuple(tuple(row[above : above + q]) for row in error.P[above : above + q])
         above += q
-        F = error_matrix(each.exosystem, gain)
-        PF = multiply(P, F)
-        falls = scale(-1, add(add(PF, transpose(PF)), scale(2 * error.beta, P)))
-        own = f"(fun r c => exosystem_A {g} r c - sum {problem.m} (fun d => exosystem_W {g} r d * exosystem_C {g} d c))"
-        facts = [
-            ("contracts", f"form_slope {q} (P {g}) {own} a", f"- 2 * beta * form {q} (P {g}) a", falls),
-            (
-                "sized",
-                f"form {q} (P {g}) a",
-                f"size * sum {q} (fun h => a h ^ 2)",
-                subtract(scale(error.size, identity(q)), P),
-            ),
-        ]
-        for c, row in enumerate(C):
-            left = f"(sum {q} (fun h => exosystem_C {g} {c} h * a h)) ^ 2"
-            facts.append((f"seen{c}", left, f"form {q} (P {g}) a", subtract(P, multiply(transpose((row,)), (row,)))))
-        listed = [{"name": n, "left": x, "right": y, "squares": _squares(M)} for n, x, y, M in facts]
-        yield {"A": A, "C": C, "W": gain, "P": P, "facts": listed}
+        PF = multiply(P, error_matrix(each.exosystem, gain))
+        facts = {
+            "contracts": scale(-1, add(add(PF, transpose(PF)), scale(2 * error.beta, P))),
+            "sized": subtract(scale(error.size, identity(q)), P),
+            **{f"seen{c}": subtract(P, multiply(transpose((row,)), (row,))) for c, row in enumerate(C)},
+        }
+        yield {"A": A, "C": C, "W": gain, "P": P, "facts": {name: _squares(M) for name, M in facts.items()}}
 
 
 def _squares(M: Matrix) -> list[str]:

@@ -20,6 +20,7 @@ from evidence import (
     pinning,
     published,
     robustness,
+    rocq,
     same_bytes,
     schedules,
     simulations,
@@ -85,6 +86,8 @@ ITEMS = (
     Item(name="schedule-runs", run=schedules.runs, count=10_000, seed=0, share=100),
     Item(name="sweep", run=sweeps.run, count=2000, seed=0, share=50),
     Item(name="same-bytes", run=same_bytes.run, count=len(same_bytes.NAMES), seed=0, share=6),
+    Item(name="rocq", run=rocq.files, count=15, seed=0, share=0),  # the slow tests check small ones
+    Item(name="rocq-changes", run=rocq.changes, count=rocq.CHANGES, seed=0, share=0),  # and four changes
     Item(name="notebooks", run=notebooks.run, count=9, seed=0, share=0),  # the slow tests run the short ones
     Item(name="mutation", run=mutation.run, count=40, seed=20261122, share=0),  # the tests of ten minutes are its base
 )

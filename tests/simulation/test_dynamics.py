@@ -134,7 +134,7 @@ def test_agents_that_leave_within_a_period_end_their_run_alone():
 
 
 def test_agents_that_are_too_stiff_between_samples_end_their_run():
-    """x' = -1e6 x^3 + 1 from 1: after a layer 1e6 x^3 = 1; with 1e18 an explicit method needs some 250,000 steps a period."""
+    """x' = -1e6 x^3 + 1 from 1: after a layer 1e6 x^3 = 1; 1e18 needs 250,000 explicit steps a period."""
     alone = dd.Network.from_arcs([], arrow="listens_to", agents=["a"])
     stress = dd.Stress(period=0.5)
     for k, target, stiff in ((6, "1/100", False), (18, "1e-6", True)):

@@ -106,7 +106,8 @@ class Ran:
     @property
     def axioms(self) -> list[str]:
         """Those that ``Print Assumptions`` lists."""
-        return re.findall(r"^(\S+)\s*:?(?:\s.*)?$", self.out.split("Axioms:\n", 1)[1], flags=re.MULTILINE)
+        found = re.findall(r"^(\S+)\s*:?(?:\s.*)?$", self.out.split("Axioms:\n", 1)[1], flags=re.MULTILINE)
+        return [each for each in found if each != "Axioms:"]
 
 
 def coqc(folder: Path, name: str, text: str, *options: str) -> Ran:
@@ -324,11 +325,11 @@ EDITS: dict[str, tuple[str, str]] = {
     "file: alpha twice": (r"^(Definition alpha : R := )(.*)\.$", r"\g<1>(2 * \2)."),
     "file: beta twice": (r"^(Definition beta : R := )(.*)\.$", r"\g<1>(2 * \2)."),
     "file: P[0][0] 1 larger": (r"^(Definition P [\s\S]*?matrix \[\[)(\([^)]*\))", r"\1(1 + \2)"),
-    "file: the sign in h": (r"(exp y\) - 1\)) \+ y", r"\1 - y"),
+    "file: the sign in h": (r"(exp y - 1) \+ y", r"\1 - y"),
     "file: an arc turned round": (r"Arc 2 1 h1", "Arc 1 2 h1"),
     "file: an arc removed": (r"; Arc 2 1 h1\]", "]"),
     "file: the weight of an arc": (r"Arc 2 1 h1", "Arc 2 1 (fun y => 1 / 2 * h1 y)"),
-    "file: a mode's graph": (r"^  \[Arc 1 0 \(fun y => 2.*\]$", "  []"),
+    "file: a mode's graph": (r"^    \[Arc 1 0 \(fun y => 2.*\]$", "    []"),
     "file: a third mode": (r"Loop 3 1 2 graph", "Loop 3 1 3 graph"),
     "file: a gain of a pin": (r"\| 1 => matrix \[\[1\]\]", "| 1 => matrix [[1 / 2]]"),
     "file: A": (r"matrix \[\[0; 1\]; \[\(- \(1\)\); 0\]\]", "matrix [[0; 1]; [1; 0]]"),

@@ -173,6 +173,8 @@ def _rocq(file: str, target: Path, asked: _Asked, progress: Stage) -> Exported:
     own = Certificate(problem=trusted, claims=claims)
     progress("looking at the rows piece by piece")
     whole = proved_in_states(own) is not None and not (asked.theorem or asked.rate)
+    if not target.stem.replace("_", "a").isalnum():
+        raise SpecError("Coq takes file names of letters, digits and _.", key="--rocq", cure="Choose another name.")
     text = motions_proof(own) if whole else rocq_proof(own, rate=asked.rate)
     output.write_file(target, text.encode("ascii"), key="--rocq")
     return {"rocq": str(target)}, f"wrote {target}\ncheck it with: {shlex.join(['coqc', str(target)])}"

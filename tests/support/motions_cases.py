@@ -345,7 +345,10 @@ EDITS: dict[str, tuple[str, str]] = {
     "file: a gap between pieces": (r"^(Lemma upper_0_2_2 .*alpha 0 2 )(\([^)]*\))", r"\1(1 / 100 + \2)"),
     "file: the room of a row": (r"(\(k 2 - alpha\) \* s \* v 2\) with \(\()(- )", r"\1"),
     "file: a row of another agent": (r"exact upper_0_1\|exact upper_0_2", "exact upper_0_2|exact upper_0_1"),
-    "file: a square": (r"(assert \(S1 : 0 <= )(\(\d+ / \d+\))", r"\1(1 + \2)"),
+    "file: a square": (
+        r"(assert \(S1 : 0 <= \(\d+ / \d+\) \* \(a 0%nat \+ )\(- (\(\d+ / \d+\))\)",
+        r"\1\2",
+    ),
     "file: what the observer injects": (r"(kappa size )(\(.*\))$", r"\1(\2 / 2)"),
     "file: the radius of the theorem": (r"^  converges network 1 ", "  converges network 2 "),
     "file: the rate of the theorem": (r"^(  converges network .*v i\) )(\(.*\))\.$", r"\1(1 / 100 + \2)."),

@@ -40,7 +40,7 @@ from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-THEORY: Final = ("statement", "comparison", "consensus", "rows")
+THEORY: Final = ("Statement", "Comparison", "Consensus", "Rows")
 MOST_ARCS, MOST_STATES = 400, 6  # of all modes together, and of one exosystem
 DEEPEST: Final = 12  # halvings of a piece, until a row is seen to hold
 MOST_PARTS: Final = 200  # of one row

@@ -30,13 +30,13 @@ Proof.
 Qed.
 
 (* The estimation error obeys eps' = (A - W C) eps: neither the network nor the control enters. *)
-Lemma estimation_error_evolves l mode x xi z :
-  closed_loop l mode x xi z -> forall i k, (i < agents l)%nat -> (k < order l i)%nat ->
-  evolves (estimation_error l x xi z i k)
+Lemma estimation_error_evolves l T mode x xi z :
+  closed_loop l T mode x xi z -> forall i k, (i < agents l)%nat -> (k < order l i)%nat ->
+  evolves (T := T) (estimation_error l x xi z i k)
     (fun t => sum (order l i) (fun j => observer_matrix l i k j * estimation_error l x xi z i j t)).
 Proof.
   intros H i k Hi Hk. destruct (H i Hi) as (Hx & Hxi & Hz).
-  assert (Hwx : evolves (fun t => sum (components l) (fun c => W l i k c * x i c t))
+  assert (Hwx : evolves (T := T) (fun t => sum (components l) (fun c => W l i k c * x i c t))
     (fun t => sum (components l) (fun c =>
        W l i k c * (heard l mode x i c t + control l x z i c t + disturbance l xi i c t)))).
   { apply (evolves_sum (components l) (fun c t => W l i k c * x i c t)
@@ -66,9 +66,9 @@ Proof.
 Qed.
 
 (* The error obeys e' = h(e) - K e + C eps. *)
-Lemma error_evolves l mode x xi z :
-  closed_loop l mode x xi z -> forall i c, (i < agents l)%nat -> (c < components l)%nat ->
-  evolves (error l x i c)
+Lemma error_evolves l T mode x xi z :
+  closed_loop l T mode x xi z -> forall i c, (i < agents l)%nat -> (c < components l)%nat ->
+  evolves (T := T) (error l x i c)
     (fun t => row l (mode t) i (fun j => error l x j c t)
       - sum (components l) (fun d => gain l i c d * error l x i d t)
       + sum (order l i) (fun k => C l i c k * estimation_error l x xi z i k t)).
@@ -128,21 +128,21 @@ Qed.
 (* What the estimation error injects decays like E0 exp(-beta t). *)
 Lemma injection_decays l v k alpha rho P beta kappa size E0 radius off rate :
   certificate l v k alpha rho P beta kappa size E0 radius off rate ->
-  forall mode x xi z, closed_loop l mode x xi z ->
+  forall T mode x xi z, closed_loop l T mode x xi z ->
   forall i, (i < agents l)%nat ->
   sum (order l i) (fun h => (xi i h 0 - estimate l x z i h 0) ^ 2) <= off ^ 2 ->
-  forall t c, 0 <= t -> (c < components l)%nat ->
+  forall t c, 0 <= t < T -> (c < components l)%nat ->
     Rabs (sum (order l i) (fun h => C l i c h * estimation_error l x xi z i h t)) <= E0 * exp (- (beta * t)).
 Proof.
-  intros Cert mode x xi z H i Hi Hoff t c Ht Hc.
+  intros Cert T mode x xi z H i Hi Hoff t c Ht Hc.
   assert (He := exp_pos (- (beta * t))). assert (HE := estimate_bound_nonneg _ _ _ _ _ _ _ _ _ _ _ _ _ Cert).
   apply abs_le_of_squares; [apply Rmult_le_pos; lra|].
   set (V := fun t => form (order l i) (P i) (fun h => estimation_error l x xi z i h t)).
   assert (Hout : sum (order l i) (fun h => C l i c h * estimation_error l x xi z i h t) ^ 2 <= V t)
     by (apply (outputs_bounded _ _ _ _ _ _ _ _ _ _ _ _ _ Cert i c); assumption).
   assert (Hdec : V t <= V 0 * exp (- (2 * beta * t))).
-  { apply (quadratic_decays (order l i) (observer_matrix l i)); [| |exact Ht].
-    - intros h Hh. exact (estimation_error_evolves l mode x xi z H i h Hi Hh).
+  { apply (quadratic_decays (T := T) (order l i) (observer_matrix l i)); [| |exact Ht].
+    - intros h Hh. exact (estimation_error_evolves l T mode x xi z H i h Hi Hh).
     - intros a. exact (observer_contracts _ _ _ _ _ _ _ _ _ _ _ _ _ Cert i a Hi). }
   assert (Hstart : V 0 <= E0 ^ 2).
   { set (S := sum (order l i) (fun h => estimation_error l x xi z i h 0 ^ 2)).
@@ -203,19 +203,19 @@ Lemma certified_below l v k alpha rho P beta kappa size E0 radius off rate :
   certificate l v k alpha rho P beta kappa size E0 radius off rate ->
   forall slow, 0 < slow < rate -> converges l radius off (fun i => rho * v i) slow.
 Proof.
-  intros Cert slow Hslow mode x xi z Hmode H Hstart Hoff.
+  intros Cert slow Hslow T mode x xi z Hmode H Hstart Hoff.
   pose proof Cert as [Hv Hrho Hrate Halpha Hbeta Hkappa HE Hrad Hoffpos _ Hgain Hup Hlow _ _ _ _ Hin Hest Hex].
-  assert (Hinj : forall i c t, (i < agents l)%nat -> (c < components l)%nat -> 0 <= t ->
+  assert (Hinj : forall i c t, (i < agents l)%nat -> (c < components l)%nat -> 0 <= t < T ->
      Rabs (sum (order l i) (fun h => C l i c h * estimation_error l x xi z i h t)) <= E0 * exp (- (beta * t))).
   { intros i c t Hi Hc Ht.
-    exact (injection_decays _ _ _ _ _ _ _ _ _ _ _ _ _ Cert mode x xi z H i Hi (Hoff i Hi) t c Ht Hc). }
+    exact (injection_decays _ _ _ _ _ _ _ _ _ _ _ _ _ Cert T mode x xi z H i Hi (Hoff i Hi) t c Ht Hc). }
   set (M := fun t => rho * exp (- (slow * t)) - kappa * E0 * exp (- (beta * t))).
   set (M' := fun t => rho * (- slow * exp (- (slow * t))) - kappa * E0 * (- beta * exp (- (beta * t)))).
-  assert (HM : evolves M M') by (apply evolves_minus; apply evolves_scale, evolves_exp_decay).
+  assert (HM : evolves (T := T) M M') by (apply evolves_minus; apply evolves_scale, evolves_exp_decay).
   assert (HM' : forall t, M' t = - slow * M t + kappa * (beta - slow) * (E0 * exp (- (beta * t)))).
   { intros t. unfold M, M'. ring. }
   assert (HkE : 0 <= kappa * E0) by (apply Rmult_le_pos; lra).
-  assert (HMpos : forall t, 0 <= t -> 0 < M t <= rho * exp (- (slow * t))).
+  assert (HMpos : forall t, 0 <= t < T -> 0 < M t <= rho * exp (- (slow * t))).
   { intros t Ht. unfold M.
     assert (Hes := exp_pos (- (slow * t))). assert (Heb := exp_pos (- (beta * t))).
     assert (Hle : exp (- (beta * t)) <= exp (- (slow * t))).
@@ -225,20 +225,20 @@ Proof.
       by (apply Rmult_le_compat_l; assumption).
     assert (0 <= kappa * E0 * exp (- (beta * t))) by (apply Rmult_le_pos; lra).
     lra. }
-  assert (HMrho : forall t, 0 <= t -> M t <= rho).
+  assert (HMrho : forall t, 0 <= t < T -> M t <= rho).
   { intros t Ht. destruct (HMpos t Ht) as (_ & Hm).
     assert (exp (- (slow * t)) <= exp 0).
     { apply exp_le. assert (0 <= slow * t) by (apply Rmult_le_pos; lra). lra. }
     rewrite exp_0 in *.
     assert (rho * exp (- (slow * t)) <= rho * 1) by (apply Rmult_le_compat_l; lra). lra. }
-  assert (Hbox : forall t, 0 <= t -> forall i c, (i < agents l)%nat -> (c < components l)%nat ->
+  assert (Hbox : forall t, 0 <= t < T -> forall i c, (i < agents l)%nat -> (c < components l)%nat ->
      Rabs (error l x i c t) <= M t * v i).
   { refine (never_leaves_agents (agents l) (components l) (error l x)
       (fun i c t => row l (mode t) i (fun j => error l x j c t)
          - sum (components l) (fun d => gain l i c d * error l x i d t)
          + sum (order l i) (fun h => C l i c h * estimation_error l x xi z i h t))
       (fun i c t => M t * v i) (fun i c t => M' t * v i) _ _ _ _).
-    - intros i c Hi Hc. exact (error_evolves l mode x xi z H i c Hi Hc).
+    - intros i c Hi Hc. exact (error_evolves l T mode x xi z H i c Hi Hc).
     - intros i c _ _. eapply evolves_eq; [exact (evolves_scale (v i) _ _ HM) | |]; intros; simpl; ring.
     - intros i c Hi Hc. eapply Rle_trans; [apply (Hstart i c Hi Hc)|].
       unfold M. rewrite !Rmult_0_r, Ropp_0, exp_0, !Rmult_1_r, Rmult_comm. exact (Hin i Hi).
@@ -275,7 +275,7 @@ Lemma converges_at_limit_rate l radius off bound rate :
   0 < rate -> (forall slow, 0 < slow < rate -> converges l radius off bound slow) ->
   converges l radius off bound rate.
 Proof.
-  intros Hrate H mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc.
+  intros Hrate H T mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc.
   set (e := Rabs (error l x i c t)).
   apply (no_slack _ _ (e * t * rate)). intros eps Heps.
   (* slow = (1 - eps) rate, or half of it when eps = 1 *)
@@ -283,7 +283,7 @@ Proof.
   assert (Hgap : 0 < gap < rate /\ gap <= eps * rate).
   { assert (0 < eps * rate) by (apply Rmult_lt_0_compat; lra).
     assert (0 <= (1 - eps) * rate) by (apply Rmult_le_pos; lra). unfold gap; lra. }
-  assert (Hs := H (rate - gap) ltac:(lra) mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc).
+  assert (Hs := H (rate - gap) ltac:(lra) T mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc).
   fold e in Hs. assert (He : 0 <= e) by apply Rabs_pos.
   assert (Hgt : 0 <= gap * t) by (apply Rmult_le_pos; lra).
   assert (Htan := exp_tangent _ Hgt).
@@ -292,7 +292,7 @@ Proof.
     by (apply Rmult_le_compat_r; [left; apply exp_pos | exact Hs]).
   assert (H2 : e * (1 - gap * t) <= e * exp (- (gap * t))) by (apply Rmult_le_compat_l; assumption).
   assert (H3 : 0 <= (eps * rate - gap) * (e * t)).
-  { apply Rmult_le_pos; [lra | apply Rmult_le_pos; assumption]. }
+  { apply Rmult_le_pos; [lra | apply Rmult_le_pos; lra]. }
   lra.
 Qed.
 
@@ -314,9 +314,9 @@ Lemma converges_at_limit_bound l radius off factor (v : nat -> R) rate :
   (forall eps, 0 < eps -> converges l radius off (fun i => (factor + eps) * v i) rate) ->
   converges l radius off (fun i => factor * v i) rate.
 Proof.
-  intros H mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc.
+  intros H T mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc.
   apply (no_slack _ _ (v i * exp (- (rate * t)))). intros eps Heps.
-  assert (Hs := H eps ltac:(lra) mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc).
+  assert (Hs := H eps ltac:(lra) T mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc).
   simpl in Hs. lra.
 Qed.
 
@@ -422,12 +422,12 @@ Qed.
 
 (* As [converges], for starts x_i,c(0) in [lo, hi]. *)
 Definition converges_from_states (l : loop) (lo hi off : R) (bound : nat -> R) (rate : R) : Prop :=
-  forall mode x xi z,
-    (forall t, 0 <= t -> (mode t < modes l)%nat) ->
-    closed_loop l mode x xi z ->
+  forall T mode x xi z,
+    (forall t, 0 <= t < T -> (mode t < modes l)%nat) ->
+    closed_loop l T mode x xi z ->
     (forall i c, (i < agents l)%nat -> (c < components l)%nat -> lo <= x i c 0 <= hi) ->
     (forall i, (i < agents l)%nat -> sum (order l i) (fun k => (xi i k 0 - estimate l x z i k 0) ^ 2) <= off ^ 2) ->
-  forall t i c, 0 <= t -> (i < agents l)%nat -> (c < components l)%nat ->
+  forall t i c, 0 <= t < T -> (i < agents l)%nat -> (c < components l)%nat ->
     Rabs (error l x i c t) <= bound i * exp (- (rate * t)).
 
 (* A radius that reaches both ends of the box from every goal covers the box. *)
@@ -436,7 +436,7 @@ Lemma from_states l radius off bound rate lo hi :
      Rabs (lo - (target l c + offset l i c)) <= radius /\ Rabs (hi - (target l c + offset l i c)) <= radius) ->
   converges l radius off bound rate -> converges_from_states l lo hi off bound rate.
 Proof.
-  intros Hends H mode x xi z Hmode Hloop Hbox. apply (H mode x xi z Hmode Hloop).
+  intros Hends H T mode x xi z Hmode Hloop Hbox. apply (H T mode x xi z Hmode Hloop).
   intros i c Hi Hc. destruct (Hends i c Hi Hc) as (Hl & Hh). specialize (Hbox i c Hi Hc).
   assert (H1 := Rle_abs (- (lo - (target l c + offset l i c)))). rewrite Rabs_Ropp in H1.
   assert (H2 := Rle_abs (hi - (target l c + offset l i c))).

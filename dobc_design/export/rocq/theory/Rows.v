@@ -1,6 +1,6 @@
 (* Rows of the certificate: couplings that rise on an interval, sums of them from s = 0 on, and the faces of a box. *)
-Require Import Reals List Lra Lia.
 From Coquelicot Require Import Coquelicot.
+Require Import Reals List Lra Lia.
 From Dobc Require Import Statement Comparison Consensus.
 Import ListNotations.
 Open Scope R_scope.

@@ -15,11 +15,10 @@ Fixpoint sum (k : nat) (f : nat -> R) : R := match k with O => 0 | S i => sum i 
 Definition right_derivative (f : R -> R) (t l : R) : Prop :=
   forall eps, 0 < eps -> exists d, 0 < d /\ forall s, t < s < t + d -> Rabs ((f s - f t) / (s - t) - l) <= eps.
 
-(* f' = g for all t >= 0: f is continuous, and its derivative from the right is g(t), also where a switch makes g jump. At a
-   switch g(t) is the value after it. Nothing is said about t < 0. f is given for all t >= 0, so that a solution which ends at
-   a finite time (by growing without bound) is not among the motions below. *)
-Definition evolves (f g : R -> R) : Prop :=
-  (forall t, 0 <= t -> right_derivative f t (g t)) /\ (forall t, 0 < t -> continuity_pt f t).
+(* f' = g on [0, T): f is continuous, and its derivative from the right is g(t), also where a switch makes g jump. At a switch
+   g(t) is the value after it. Nothing is said about t < 0. *)
+Definition evolves {T : R} (f g : R -> R) : Prop :=
+  (forall t, 0 <= t < T -> right_derivative f t (g t)) /\ (forall t, 0 < t < T -> continuity_pt f t).
 
 (* An arc: agent [listener] uses the state of agent [speaker], through the coupling function h_ij; the weight of the arc is
    part of it. The paper's arc (i, j) is [Arc i j h]. *)
@@ -39,6 +38,7 @@ Record loop := Loop {
 
 Section Motion.
 Variable l : loop.
+Variable T : R.                                   (* the motion is given on [0, T) *)
 Variable mode : R -> nat.                         (* which graph is on at time t *)
 Variables x xi z : nat -> nat -> R -> R.          (* states of agents, exosystems and observers: agent, component, time *)
 
@@ -57,15 +57,15 @@ Definition estimate (i k : nat) (t : R) : R := z i k t + sum (components l) (fun
 Definition control (i c : nat) (t : R) : R :=                                                               (* u_i (19) *)
   - sum (components l) (fun d => gain l i c d * error i d t) - sum (order l i) (fun k => C l i c k * estimate i k t).
 
-(* x, xi and z are a motion of the loop: for each agent
+(* x, xi and z are a motion of the loop on [0, T): for each agent
      x_i'  = heard_i + u_i + d_i,   xi_i' = A xi_i,   z_i' = (A - W C) xihat_i - W (heard_i + u_i). *)
 Definition closed_loop : Prop := forall i, (i < agents l)%nat ->
   (forall c, (c < components l)%nat ->                                                                       (* (1) *)
-     evolves (x i c) (fun t => heard i c t + control i c t + disturbance i c t)) /\
+     evolves (T := T) (x i c) (fun t => heard i c t + control i c t + disturbance i c t)) /\
   (forall k, (k < order l i)%nat ->                                                                          (* (12) *)
-     evolves (xi i k) (fun t => sum (order l i) (fun j => A l i k j * xi i j t))) /\
+     evolves (T := T) (xi i k) (fun t => sum (order l i) (fun j => A l i k j * xi i j t))) /\
   (forall k, (k < order l i)%nat ->                                                                          (* (13) *)
-     evolves (z i k) (fun t =>
+     evolves (T := T) (z i k) (fun t =>
        sum (order l i) (fun j => (A l i k j - sum (components l) (fun c => W l i k c * C l i c j)) * estimate i j t)
        - sum (components l) (fun c => W l i k c * (heard i c t + control i c t)))).
 
@@ -73,13 +73,14 @@ End Motion.
 
 (* Every motion of the loop, under any switching, that starts with |x_i - goal_i| <= radius in each component and with
    |xi_i - xihat_i| <= off (Euclidean norm) for each agent, has |x_i(t) - goal_i| <= bound_i exp(-rate t) in each component for
-   all t >= 0. Any switching: [mode] may be any function of time for which there is a motion. Signals that are constant between
+   as long as it lasts: on [0, T), whatever T is. A motion for all t >= 0 is one on [0, T) for every T; and a solution that grows
+   without bound before some time T is one on [0, T), so that there is none. Any switching: [mode] may be any function of time for which there is a motion. Signals that are constant between
    switches, with the new graph on from the switch on, are meant; switches may accumulate before a time, but not after it. *)
 Definition converges (l : loop) (radius off : R) (bound : nat -> R) (rate : R) : Prop :=
-  forall mode x xi z,
-    (forall t, 0 <= t -> (mode t < modes l)%nat) ->
-    closed_loop l mode x xi z ->
+  forall T mode x xi z,
+    (forall t, 0 <= t < T -> (mode t < modes l)%nat) ->
+    closed_loop l T mode x xi z ->
     (forall i c, (i < agents l)%nat -> (c < components l)%nat -> Rabs (error l x i c 0) <= radius) ->
     (forall i, (i < agents l)%nat -> sum (order l i) (fun k => (xi i k 0 - estimate l x z i k 0) ^ 2) <= off ^ 2) ->
-  forall t i c, 0 <= t -> (i < agents l)%nat -> (c < components l)%nat ->
+  forall t i c, 0 <= t < T -> (i < agents l)%nat -> (c < components l)%nat ->
     Rabs (error l x i c t) <= bound i * exp (- (rate * t)).

@@ -166,8 +166,12 @@ Qed.
 
 (* ---- Calculus of [evolves] ---- *)
 
+Section Until.
+Context {T : R}.
+Local Notation evolves := (@evolves T).
+
 Lemma evolves_eq f g f' g' :
-  evolves f f' -> (forall t, f t = g t) -> (forall t, 0 <= t -> f' t = g' t) -> evolves g g'.
+  evolves f f' -> (forall t, f t = g t) -> (forall t, 0 <= t < T -> f' t = g' t) -> evolves g g'.
 Proof.
   intros (Hr & Hc) E E'. split; intros t Ht.
   - apply (right_derivative_eq f g t (f' t)); auto.
@@ -256,14 +260,14 @@ Lemma real_induction (Q : R -> Prop) :
   (forall t, 0 < t -> (forall s, 0 <= s < t -> Q s) -> Q t) ->
   forall t, 0 <= t -> Q t.
 Proof.
-  intros stable start right left T HT.
-  set (E := fun t => 0 <= t <= T /\ forall s, 0 <= s <= t -> Q s).
+  intros stable start right left T1 HT.
+  set (E := fun t => 0 <= t <= T1 /\ forall s, 0 <= s <= t -> Q s).
   assert (E0 : E 0). { split; [lra|]. intros s Hs. replace s with 0 by lra. exact start. }
   destruct (completeness E) as (c & upper & least).
-  { exists T. intros t (Ht & _); lra. }
+  { exists T1. intros t (Ht & _); lra. }
   { exists 0; exact E0. }
   assert (c0 : 0 <= c) by exact (upper 0 E0).
-  assert (cT : c <= T) by (apply least; intros t (Ht & _); lra).
+  assert (cT : c <= T1) by (apply least; intros t (Ht & _); lra).
   assert (before : forall s, 0 <= s < c -> Q s).
   { intros s Hs. apply stable. intros N.
     assert (c <= s); [|lra]. apply least. intros t (Ht & HQ).
@@ -271,10 +275,10 @@ Proof.
     exfalso. apply N, HQ. lra. }
   assert (at_c : Q c).
   { destruct (Rle_lt_or_eq_dec 0 c c0) as [Hc|<-]; [apply left; assumption | exact start]. }
-  destruct (Rle_lt_or_eq_dec c T cT) as [Hlt|<-]; [exfalso | exact at_c].
+  destruct (Rle_lt_or_eq_dec c T1 cT) as [Hlt|<-]; [exfalso | exact at_c].
   destruct (right c c0 at_c) as (d & Hd & after).
-  set (t := Rmin T (c + d / 2)).
-  assert (Ht : c < t <= T /\ t < c + d) by (unfold t, Rmin; destruct (Rle_dec T (c + d / 2)); lra).
+  set (t := Rmin T1 (c + d / 2)).
+  assert (Ht : c < t <= T1 /\ t < c + d) by (unfold t, Rmin; destruct (Rle_dec T1 (c + d / 2)); lra).
   assert (E t).
   { split; [lra|]. intros s Hs. destruct (Rlt_or_le c s); [apply after; lra|].
     destruct (Req_dec s c) as [->|]; [exact at_c | apply before; lra]. }
@@ -320,17 +324,21 @@ Qed.
 Lemma barrier {I : Type} (faces : list I) (f f' : I -> R -> R) :
   (forall k, In k faces -> evolves (f k) (f' k)) ->
   (forall k, In k faces -> 0 <= f k 0) ->
-  (forall t, 0 <= t -> (forall j, In j faces -> 0 <= f j t) ->
+  (forall t, 0 <= t < T -> (forall j, In j faces -> 0 <= f j t) ->
      forall k, In k faces -> f k t = 0 -> 0 < f' k t) ->
-  forall t, 0 <= t -> forall k, In k faces -> 0 <= f k t.
+  forall t, 0 <= t < T -> forall k, In k faces -> 0 <= f k t.
 Proof.
-  intros Hev Hstart Hrise.
-  apply (real_induction (fun t => forall k, In k faces -> 0 <= f k t)).
-  - intros t N k Hk. apply Rnot_lt_le. intros L. apply N. intros H. specialize (H k Hk). lra.
-  - exact Hstart.
-  - intros t Ht Hnow.
+  intros Hev Hstart Hrise t0 Ht0.
+  apply (real_induction (fun t => t < T -> forall k, In k faces -> 0 <= f k t)); [| | | | apply Ht0 | apply Ht0].
+  - intros t N L0 k Hk. apply Rnot_lt_le. intros L. apply N. intros H. specialize (H L0 k Hk). lra.
+  - intros _. exact Hstart.
+  - intros t Ht Hnow0.
+    destruct (Rlt_or_le t T) as [HtT|HtT]; [|exists 1; split; [lra|]; intros; lra].
+    assert (Hnow := Hnow0 HtT). clear Hnow0.
+    enough (G : exists d, 0 < d /\ forall s, t < s < t + d -> forall k, In k faces -> 0 <= f k s)
+      by (destruct G as (d & Hd & G); exists d; split; [exact Hd | intros s Hs _; exact (G s Hs)]).
     assert (Hone : forall k, In k faces -> exists d, 0 < d /\ forall s, t < s < t + d -> 0 <= f k s).
-    { intros k Hk. apply (rises _ (f' k t)); [apply Hev | apply Hnow | apply Hrise]; assumption. }
+    { intros k Hk. apply (rises _ (f' k t)); [apply Hev; [assumption | lra] | apply Hnow; assumption | apply Hrise; [lra | assumption | assumption]]. }
     clear - Hone. induction faces as [|k faces IH].
     + exists 1; split; [lra|]. intros s _ k [].
     + destruct IH as (d & Hd & H); [intros; apply Hone; right; assumption|].
@@ -338,8 +346,8 @@ Proof.
       exists (Rmin d d'); split; [apply Rmin_pos; assumption|].
       intros s Hs. assert (Hl := Rmin_l d d'). assert (Hr := Rmin_r d d').
       intros j [<-|Hj]; [apply H'; lra | apply H; [lra|assumption]].
-  - intros t Ht Hb k Hk. apply nonneg_limit; [exact Ht | apply Hev; assumption |].
-    intros s Hs. apply Hb; assumption.
+  - intros t Ht Hb HtT k Hk. apply nonneg_limit; [exact Ht | apply Hev; [assumption | lra] |].
+    intros s Hs. apply Hb; [assumption | lra | assumption].
 Qed.
 
 (* Functions with moving bounds, over any finite set of indices: if on every face of the box the motion is slower
@@ -348,10 +356,10 @@ Lemma never_leaves_list {I : Type} (indices : list I) (e g b b' : I -> R -> R) :
   (forall k, In k indices -> evolves (e k) (g k)) ->
   (forall k, In k indices -> evolves (b k) (b' k)) ->
   (forall k, In k indices -> Rabs (e k 0) <= b k 0) ->
-  (forall t, 0 <= t -> (forall j, In j indices -> Rabs (e j t) <= b j t) ->
+  (forall t, 0 <= t < T -> (forall j, In j indices -> Rabs (e j t) <= b j t) ->
      forall k, In k indices ->
        (e k t = b k t -> g k t < b' k t) /\ (e k t = - b k t -> - b' k t < g k t)) ->
-  forall t, 0 <= t -> forall k, In k indices -> Rabs (e k t) <= b k t.
+  forall t, 0 <= t < T -> forall k, In k indices -> Rabs (e k t) <= b k t.
 Proof.
   intros He Hb H0 Hface t Ht k Hk.
   set (faces := list_prod indices [true; false]).
@@ -363,7 +371,7 @@ Proof.
   { intros j s Hj. apply in_prod_iff in Hj. apply Hj. }
   assert (Habs : forall u w, 0 <= w - u -> 0 <= w + u -> Rabs u <= w).
   { intros u w Hl Hu. apply Rabs_le. lra. }
-  assert (H : forall t, 0 <= t -> forall x, In x faces -> 0 <= f x t).
+  assert (H : forall t, 0 <= t < T -> forall x, In x faces -> 0 <= f x t).
   { apply (barrier faces f f').
     - intros (j, s) Hj. apply Hout in Hj.
       destruct s; [apply evolves_minus | apply evolves_plus]; auto.
@@ -384,10 +392,10 @@ Lemma never_leaves n (e g b b' : nat -> R -> R) :
   (forall k, (k < n)%nat -> evolves (e k) (g k)) ->
   (forall k, (k < n)%nat -> evolves (b k) (b' k)) ->
   (forall k, (k < n)%nat -> Rabs (e k 0) <= b k 0) ->
-  (forall t, 0 <= t -> (forall j, (j < n)%nat -> Rabs (e j t) <= b j t) ->
+  (forall t, 0 <= t < T -> (forall j, (j < n)%nat -> Rabs (e j t) <= b j t) ->
      forall k, (k < n)%nat ->
        (e k t = b k t -> g k t < b' k t) /\ (e k t = - b k t -> - b' k t < g k t)) ->
-  forall t, 0 <= t -> forall k, (k < n)%nat -> Rabs (e k t) <= b k t.
+  forall t, 0 <= t < T -> forall k, (k < n)%nat -> Rabs (e k t) <= b k t.
 Proof.
   assert (Hseq : forall k, In k (seq 0 n) <-> (k < n)%nat) by (intros k; rewrite in_seq; lia).
   intros He Hb H0 Hface t Ht k Hk.
@@ -404,10 +412,10 @@ Lemma never_leaves_agents n m (e g b b' : nat -> nat -> R -> R) :
   (forall i c, (i < n)%nat -> (c < m)%nat -> evolves (e i c) (g i c)) ->
   (forall i c, (i < n)%nat -> (c < m)%nat -> evolves (b i c) (b' i c)) ->
   (forall i c, (i < n)%nat -> (c < m)%nat -> Rabs (e i c 0) <= b i c 0) ->
-  (forall t, 0 <= t -> (forall j d, (j < n)%nat -> (d < m)%nat -> Rabs (e j d t) <= b j d t) ->
+  (forall t, 0 <= t < T -> (forall j d, (j < n)%nat -> (d < m)%nat -> Rabs (e j d t) <= b j d t) ->
      forall i c, (i < n)%nat -> (c < m)%nat ->
        (e i c t = b i c t -> g i c t < b' i c t) /\ (e i c t = - b i c t -> - b' i c t < g i c t)) ->
-  forall t, 0 <= t -> forall i c, (i < n)%nat -> (c < m)%nat -> Rabs (e i c t) <= b i c t.
+  forall t, 0 <= t < T -> forall i c, (i < n)%nat -> (c < m)%nat -> Rabs (e i c t) <= b i c t.
 Proof.
   assert (Hp : forall i c, In (i, c) (list_prod (seq 0 n) (seq 0 m)) <-> (i < n)%nat /\ (c < m)%nat).
   { intros i c. rewrite in_prod_iff, !in_seq. lia. }
@@ -443,10 +451,10 @@ Qed.
 
 (* What never has a negative slope never falls below its start. *)
 Lemma never_falls f f' :
-  evolves f f' -> (forall t, 0 <= t -> 0 <= f' t) -> forall t, 0 <= t -> f 0 <= f t.
+  evolves f f' -> (forall t, 0 <= t < T -> 0 <= f' t) -> forall t, 0 <= t < T -> f 0 <= f t.
 Proof.
   intros Hf Hpos t Ht. apply (no_slack _ _ t). intros eps Heps.
-  assert (H : forall t, 0 <= t -> forall k, In k [tt] -> 0 <= f t + eps * t - f 0).
+  assert (H : forall t, 0 <= t < T -> forall k, In k [tt] -> 0 <= f t + eps * t - f 0).
   { apply (barrier [tt] (fun _ t => f t + eps * t - f 0) (fun _ t => f' t + eps * 1 - 0)).
     - intros k _. apply evolves_minus; [|apply evolves_const].
       apply evolves_plus; [exact Hf | apply evolves_scale, evolves_time].
@@ -455,12 +463,14 @@ Proof.
   specialize (H t Ht tt (or_introl eq_refl)). lra.
 Qed.
 
+End Until.
+
 (* The two facts about exp that are needed, for nonnegative arguments. *)
 Lemma exp_rises x : 0 <= x -> 1 <= exp x.
 Proof.
   intros Hx. rewrite <- exp_0.
   replace 0 with (1 * 0) at 1 by ring. replace x with (1 * x) by ring.
-  refine (never_falls (fun t => exp (1 * t)) _ (evolves_exp 1) _ x Hx).
+  refine (never_falls (fun t => exp (1 * t)) _ (evolves_exp (T := x + 1) 1) _ x _); [|lra].
   intros t _. assert (H := exp_pos (1 * t)). lra.
 Qed.
 
@@ -477,17 +487,21 @@ Proof.
   intros Hx.
   assert (H : exp (- (1 * 0)) + 0 <= exp (- (1 * x)) + x).
   { refine (never_falls (fun t => exp (- (1 * t)) + t) _
-      (evolves_plus _ _ _ _ (evolves_exp_decay 1) evolves_time) _ x Hx).
+      (evolves_plus (T := x + 1) _ _ _ _ (evolves_exp_decay 1) evolves_time) _ x _); [|lra].
     intros t Ht. assert (exp (- (1 * t)) <= exp 0) by (apply exp_le; lra).
     rewrite exp_0 in *. lra. }
   replace (- (1 * 0)) with 0 in H by ring. replace (- (1 * x)) with (- x) in H by ring.
   rewrite exp_0 in H. lra.
 Qed.
 
+Section Until2.
+Context {T : R}.
+Local Notation evolves := (@evolves T).
+
 (* V' <= - c V: V decays at the rate c. *)
 Lemma decays V V' c :
-  evolves V V' -> (forall t, 0 <= t -> V' t <= - c * V t) ->
-  forall t, 0 <= t -> V t <= V 0 * exp (- (c * t)).
+  evolves V V' -> (forall t, 0 <= t < T -> V' t <= - c * V t) ->
+  forall t, 0 <= t < T -> V t <= V 0 * exp (- (c * t)).
 Proof.
   intros HV Hc t Ht.
   assert (H : - (V 0 * exp (c * 0)) <= - (V t * exp (c * t))).
@@ -540,9 +554,11 @@ Qed.
 Lemma quadratic_decays q (F P : nat -> nat -> R) beta (y : nat -> R -> R) :
   (forall k, (k < q)%nat -> evolves (y k) (fun t => sum q (fun j => F k j * y j t))) ->
   (forall a, form_slope q P F a <= - 2 * beta * form q P a) ->
-  forall t, 0 <= t -> form q P (fun k => y k t) <= form q P (fun k => y k 0) * exp (- (2 * beta * t)).
+  forall t, 0 <= t < T -> form q P (fun k => y k t) <= form q P (fun k => y k 0) * exp (- (2 * beta * t)).
 Proof.
   intros Hy HP t Ht.
   refine (decays (fun t => form q P (fun k => y k t)) _ (2 * beta) (form_evolves q F P y Hy) _ t Ht).
   intros u _. specialize (HP (fun k => y k u)). lra.
 Qed.
+
+End Until2.

@@ -169,20 +169,20 @@ Qed.
 
 (* Weighted Theorem 1, the direction that a certificate uses: the block inequality makes V decay at the rate 2 beta.
    Every agent may have an exosystem of its own; the theory page has the same q, C, F, P for all. *)
-Theorem weighted_theorem_1 : forall n (q : nat -> nat) (M : nat -> nat -> R) (D : nat -> R)
+Theorem weighted_theorem_1 : forall T n (q : nat -> nat) (M : nat -> nat -> R) (D : nat -> R)
   (Cout : nat -> nat -> R) (F P : nat -> nat -> nat -> R) beta (e : nat -> R -> R) (eps : nat -> nat -> R -> R),
-  (forall i, (i < n)%nat -> evolves (e i) (fun t =>
+  (forall i, (i < n)%nat -> evolves (T := T) (e i) (fun t =>
      - sum n (fun j => M i j * e j t) + sum (q i) (fun k => Cout i k * eps i k t))) ->
-  (forall i k, (i < n)%nat -> (k < q i)%nat -> evolves (eps i k) (fun t => sum (q i) (fun j => F i k j * eps i j t))) ->
+  (forall i k, (i < n)%nat -> (k < q i)%nat -> evolves (T := T) (eps i k) (fun t => sum (q i) (fun j => F i k j * eps i j t))) ->
   (forall a b, block_form n q M D Cout F P beta a b <= 0) ->
   let V t := weighted_form n q D P (fun i => e i t) (fun i k => eps i k t) in
-  forall t, 0 <= t -> V t <= V 0 * exp (- (2 * beta * t)).
+  forall t, 0 <= t < T -> V t <= V 0 * exp (- (2 * beta * t)).
 Proof.
-  intros n q M D Cout F P beta e eps He Heps Hblock V t Ht.
+  intros T n q M D Cout F P beta e eps He Heps Hblock V t Ht.
   set (V' := fun t =>
     sum n (fun i => D i * (2 * e i t * (- sum n (fun j => M i j * e j t) + sum (q i) (fun k => Cout i k * eps i k t))))
     + sum n (fun i => form_slope (q i) (P i) (F i) (fun k => eps i k t))).
-  apply (decays V V'); [| |exact Ht].
+  apply (decays (T := T) V V'); [| |exact Ht].
   - apply evolves_plus.
     + apply (evolves_sum n (fun i t => D i * e i t ^ 2) (fun i t => D i * (2 * e i t *
         (- sum n (fun j => M i j * e j t) + sum (q i) (fun k => Cout i k * eps i k t))))).
@@ -198,18 +198,18 @@ Proof.
 Qed.
 
 (* What it says of each agent: D > 0 and P >= 0 bound the error itself. *)
-Corollary weighted_errors_decay : forall n (q : nat -> nat) (M : nat -> nat -> R) (D : nat -> R)
+Corollary weighted_errors_decay : forall T n (q : nat -> nat) (M : nat -> nat -> R) (D : nat -> R)
   (Cout : nat -> nat -> R) (F P : nat -> nat -> nat -> R) beta (e : nat -> R -> R) (eps : nat -> nat -> R -> R),
   (forall i, (i < n)%nat -> 0 < D i) -> (forall i a, (i < n)%nat -> 0 <= form (q i) (P i) a) ->
-  (forall i, (i < n)%nat -> evolves (e i) (fun t =>
+  (forall i, (i < n)%nat -> evolves (T := T) (e i) (fun t =>
      - sum n (fun j => M i j * e j t) + sum (q i) (fun k => Cout i k * eps i k t))) ->
-  (forall i k, (i < n)%nat -> (k < q i)%nat -> evolves (eps i k) (fun t => sum (q i) (fun j => F i k j * eps i j t))) ->
+  (forall i k, (i < n)%nat -> (k < q i)%nat -> evolves (T := T) (eps i k) (fun t => sum (q i) (fun j => F i k j * eps i j t))) ->
   (forall a b, block_form n q M D Cout F P beta a b <= 0) ->
-  forall t i, 0 <= t -> (i < n)%nat ->
+  forall t i, 0 <= t < T -> (i < n)%nat ->
   e i t ^ 2 <= weighted_form n q D P (fun i => e i 0) (fun i k => eps i k 0) / D i * exp (- (2 * beta * t)).
 Proof.
-  intros n q M D Cout F P beta e eps HD HP He Heps Hblock t i Ht Hi.
-  assert (H := weighted_theorem_1 n q M D Cout F P beta e eps He Heps Hblock t Ht). simpl in H.
+  intros T n q M D Cout F P beta e eps HD HP He Heps Hblock t i Ht Hi.
+  assert (H := weighted_theorem_1 T n q M D Cout F P beta e eps He Heps Hblock t Ht). simpl in H.
   assert (H1 : D i * e i t ^ 2 <= weighted_form n q D P (fun i => e i t) (fun i k => eps i k t)).
   { unfold weighted_form.
     assert (0 <= sum n (fun i => form (q i) (P i) (fun k => eps i k t)))
@@ -274,39 +274,39 @@ Qed.
 
 (* One graph, one component, couplings h(y) = w y: the errors of the printed loop meet the hypotheses of weighted
    Theorem 1 with M = L + K, the output rows of C, and F = A - W C. *)
-Theorem linear_loop : forall l w mode x xi z,
+Theorem linear_loop : forall l w T mode x xi z,
   modes l = 1%nat -> components l = 1%nat ->
   (forall a, In a (arcs l 0) -> (speaker a < agents l)%nat) ->
   (forall a y, In a (arcs l 0) -> coupling a y = w a * y) ->
-  (forall t, 0 <= t -> (mode t < modes l)%nat) ->
-  closed_loop l mode x xi z ->
-  (forall i, (i < agents l)%nat -> evolves (error l x i 0) (fun t =>
+  (forall t, 0 <= t < T -> (mode t < modes l)%nat) ->
+  closed_loop l T mode x xi z ->
+  (forall i, (i < agents l)%nat -> evolves (T := T) (error l x i 0) (fun t =>
      - sum (agents l) (fun j => network_matrix l w i j * error l x j 0 t)
      + sum (order l i) (fun k => C l i 0 k * estimation_error l x xi z i k t))) /\
-  (forall i k, (i < agents l)%nat -> (k < order l i)%nat -> evolves (estimation_error l x xi z i k) (fun t =>
+  (forall i k, (i < agents l)%nat -> (k < order l i)%nat -> evolves (T := T) (estimation_error l x xi z i k) (fun t =>
      sum (order l i) (fun j => observer_matrix l i k j * estimation_error l x xi z i j t))).
 Proof.
-  intros l w mode x xi z Hone Hm Hin Hlin Hmode H. split.
-  - intros i Hi. eapply evolves_eq; [exact (error_evolves l mode x xi z H i 0%nat Hi ltac:(lia)) | reflexivity |].
+  intros l w T mode x xi z Hone Hm Hin Hlin Hmode H. split.
+  - intros i Hi. eapply evolves_eq; [exact (error_evolves l T mode x xi z H i 0%nat Hi ltac:(lia)) | reflexivity |].
     intros t Ht. simpl.
     assert (Ht0 : mode t = 0%nat) by (specialize (Hmode t Ht); lia). rewrite Ht0, Hm.
     rewrite <- (linear_row l w i (fun j => error l x j 0 t)) by assumption. simpl. ring.
-  - intros i k Hi Hk. exact (estimation_error_evolves l mode x xi z H i k Hi Hk).
+  - intros i k Hi Hk. exact (estimation_error_evolves l T mode x xi z H i k Hi Hk).
 Qed.
 
 (* The two together: the printed loop under the block inequality. *)
-Corollary linear_loop_decays : forall l w D P beta mode x xi z,
+Corollary linear_loop_decays : forall l w D P beta T mode x xi z,
   modes l = 1%nat -> components l = 1%nat ->
   (forall a, In a (arcs l 0) -> (speaker a < agents l)%nat) ->
   (forall a y, In a (arcs l 0) -> coupling a y = w a * y) ->
   (forall a b, block_form (agents l) (order l) (network_matrix l w) D (fun i => C l i 0) (observer_matrix l) P beta a b <= 0) ->
-  (forall t, 0 <= t -> (mode t < modes l)%nat) ->
-  closed_loop l mode x xi z ->
+  (forall t, 0 <= t < T -> (mode t < modes l)%nat) ->
+  closed_loop l T mode x xi z ->
   let V t := weighted_form (agents l) (order l) D P
                (fun i => error l x i 0 t) (fun i k => estimation_error l x xi z i k t) in
-  forall t, 0 <= t -> V t <= V 0 * exp (- (2 * beta * t)).
+  forall t, 0 <= t < T -> V t <= V 0 * exp (- (2 * beta * t)).
 Proof.
-  intros l w D P beta mode x xi z Hone Hm Hin Hlin Hblock Hmode H.
-  destruct (linear_loop l w mode x xi z Hone Hm Hin Hlin Hmode H) as (He & Heps).
-  exact (weighted_theorem_1 _ _ _ D _ _ P beta (fun i => error l x i 0) (estimation_error l x xi z) He Heps Hblock).
+  intros l w D P beta T mode x xi z Hone Hm Hin Hlin Hblock Hmode H.
+  destruct (linear_loop l w T mode x xi z Hone Hm Hin Hlin Hmode H) as (He & Heps).
+  exact (weighted_theorem_1 T _ _ _ D _ _ P beta (fun i => error l x i 0) (estimation_error l x xi z) He Heps Hblock).
 Qed.

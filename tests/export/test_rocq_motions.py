@@ -300,7 +300,7 @@ def test_the_library_assumes_nothing():
 def test_the_library_stands_whole_in_every_file():
     """But for the lines by which its files find one another."""
     text = text_of("small")
-    for name in ("statement", "comparison", "consensus", "rows"):
+    for name in ("Statement", "Comparison", "Consensus", "Rows"):
         for line in LIBRARY[f"{name}.v"].splitlines():
             assert line in text or line.startswith(("Require", "From", "Import", "Open Scope"))
 

@@ -51,7 +51,7 @@ def test_of_many_agents_the_worst_are_shown_and_the_others_counted(problem_with,
     bounds = {str(i): str(Fraction(i, 10)) for i in range(1, 31)}
     found = parts(certificate_of(problem_with(n=30, **TABLES), checks=(checked("accuracy", bounds=bounds),)))
     assert [row[0] for row in rows(found["Accuracy"])] == [str(30 - k) for k in range(MOST_ROWS)]
-    assert found["Accuracy"].blocks[-1].words.startswith("And 22 more agents")
+    assert found["Accuracy"].blocks[-1].words.startswith("And 22 more")
 
 
 def test_inputs_come_by_their_share_of_the_limit_and_those_without_one_last(problem_with, certificate_of):

@@ -13,6 +13,7 @@ from certified import certified
 from hypothesis import given
 from hypothesis import strategies as st
 from regions import without_region
+from rocq_text import bare
 
 from dobc_design import Exosystem, Network, Problem, Verdict, certify, load_problem
 from dobc_design.conditions.consensus.claim import state_theorems
@@ -60,23 +61,6 @@ def two_modes_of_matrix_gains():
         gains={1: [[9, 1], [-2, 7]], 2: 8, 3: 6},
         exceptions={(1, 2): ["2*y1", "3*y2"]},
     )
-
-
-def bare(text):
-    """The text without its comments."""
-    out, depth, place = [], 0, 0
-    while place < len(text):
-        two = text[place : place + 2]
-        if two == "(*":
-            depth, place = depth + 1, place + 2
-        elif two == "*)":
-            depth, place = depth - 1, place + 2
-            assert depth >= 0
-        else:
-            out += [text[place]] if depth == 0 else []
-            place += 1
-    assert depth == 0
-    return "".join(out)
 
 
 def rational(match):

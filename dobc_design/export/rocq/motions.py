@@ -35,7 +35,7 @@ from dobc_design.exact.matrix import Matrix, add, identity, multiply, scale, sub
 from dobc_design.exact.number import root_above
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.export.c_text import template
-from dobc_design.export.rocq.matrices import comment, require_own, wrapped_list
+from dobc_design.export.rocq.matrices import comment, require_own
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -318,7 +318,7 @@ def motions_proof(certificate: Certificate) -> str:
     return template("rocq_motions.v.j2").render(
         **values,
         **{"radius": radius, "off": off, "rate": rate, "rows": listed, "far": rows.far, "rising": rows.rising},
-        **{each.__name__: each for each in (comment, matrix, real, wrapped_list)},
+        **{each.__name__: each for each in (comment, matrix, real)},
         theory=[_theory(name) for name in THEORY],
         laws=[evaluate(h.components[0].node, [Piece("y", ATOM)], RocqAlgebra()).text for h in problem.couplings],
         group=[group.get(label, len(groups)) for label in problem.network.labels],

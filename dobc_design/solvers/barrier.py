@@ -121,13 +121,15 @@ class Block:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Inequalities:
-    """Blocks, and bounds ``limits`` (bounds,) - ``forms`` (bounds, basis.size) y > 0 on Y; ``count`` of scalars."""
+    """Blocks, and bounds ``limits`` (bounds,) - ``forms`` (bounds, basis.size) y > 0 on Y; ``count`` of scalars, of
+    which those at the places ``positive`` are > 0."""
 
     basis: Basis
     blocks: tuple[Block, ...]
     count: int
-    forms: Array
-    limits: Array
+    positive: Indices = field(default_factory=lambda: np.zeros(0, np.intp))
+    forms: Array | None = None
+    limits: Array = field(default_factory=lambda: np.zeros(0))
 
     def split(self, point: Array) -> tuple[Array, Array]:
         return self.basis.matrix(point[: self.basis.size]), point[self.basis.size :]
@@ -138,12 +140,10 @@ class Inequalities:
     def barrier(self, point: Array) -> float:
         """-log det of all blocks and bounds; inf outside."""
         Y, x = self.split(point)
-        total = 0.0
-        if len(self.limits):
-            room = self.limits - self.forms @ point[: self.basis.size]
-            if not np.all(room > 0):
-                return math.inf
-            total -= float(np.sum(np.log(room)))
+        room = self._room(point)
+        if not np.all(room > 0):
+            return math.inf
+        total = -float(np.sum(np.log(room)))
         for block in self.blocks:
             F = block.value(Y, x)
             if not np.all(np.isfinite(F)):
@@ -155,6 +155,13 @@ class Inequalities:
             total -= 2 * float(np.sum(np.log(np.diag(factor))))
         return total
 
+    def _room(self, point: Array) -> Array:
+        """What has to be > 0: the positive scalars, then what the bounds leave."""
+        positive = point[self.basis.size :][self.positive]
+        if self.forms is None:
+            return positive
+        return np.concatenate([positive, self.limits - self.forms @ point[: self.basis.size]])
+
     def holds(self, point: Array) -> bool:
         return math.isfinite(self.barrier(point))
 
@@ -163,8 +170,11 @@ class Inequalities:
         size = self.basis.size
         gradient, hessian = np.zeros(size + self.count), np.zeros((size + self.count,) * 2)
         Y, x = self.split(point)
-        if len(self.limits):
-            scaled = self.forms / (self.limits - self.forms @ point[:size])[:, None]
+        room, places = self._room(point), size + self.positive
+        gradient[places] -= 1 / room[: len(places)]
+        hessian[places, places] += 1 / room[: len(places)] ** 2
+        if self.forms is not None:
+            scaled = self.forms / room[len(places) :, None]
             gradient[:size] += np.sum(scaled, axis=0)
             hessian[:size, :size] += scaled.T @ scaled
         for block in self.blocks:
@@ -212,7 +222,7 @@ def minimise(
 ) -> Array:
     """Follow the central path of cost'x from inside until the gap is ``accuracy`` |cost'x|, or ``stop`` holds, or it
     cannot come below ``hopeless``.  A point inside."""
-    order = len(problem.limits) + sum(len(block.constant) for block in problem.blocks)
+    order = len(problem.positive) + len(problem.limits) + sum(len(block.constant) for block in problem.blocks)
     gradient, _ = problem.derivatives(point)
     size = float(cost @ cost)
     weight = max(1e-3, min(1e6, abs(float(gradient @ cost)) / size)) if size else 1.0

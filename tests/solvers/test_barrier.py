@@ -53,7 +53,7 @@ def test_the_centre_of_a_box_of_matrices_is_its_middle(shape):
     """0 < Y < I: the centre is I/2."""
     basis = make_basis(3, shape)
     blocks = (Block(constant=np.eye(3), plain=-1.0), Block(constant=np.zeros((3, 3)), plain=1.0))
-    program = Inequalities(basis=basis, blocks=blocks, count=0, forms=np.zeros((0, basis.size)), limits=np.zeros(0))
+    program = Inequalities(basis=basis, blocks=blocks, count=0)
     found = centre(program, program.join(0.1 * np.eye(3), []))
     assert np.allclose(program.split(found)[0], np.eye(3) / 2, atol=1e-2)
 
@@ -62,9 +62,7 @@ def test_the_smallest_trace_above_a_matrix_is_its_own():
     """Minimise tr Y subject to Y > M: Y = M."""
     M = np.array([[2.0, 1.0], [1.0, 3.0]])
     basis = make_basis(2, "full")
-    program = Inequalities(
-        basis=basis, blocks=(Block(constant=-M, plain=1.0),), count=0, forms=np.zeros((0, 3)), limits=np.zeros(0)
-    )
+    program = Inequalities(basis=basis, blocks=(Block(constant=-M, plain=1.0),), count=0)
     cost = basis.traces(np.eye(2))
     found = minimise(program, program.join(9 * np.eye(2), []), cost, accuracy=1e-7)
     assert np.allclose(program.split(found)[0], M, atol=1e-5)
@@ -74,7 +72,7 @@ def test_hopeless_programs_are_left_early():
     """The smallest theta with theta I > M is 3; whoever needs it below 1 can stop."""
     basis = make_basis(1, "full")
     block = Block(constant=-np.diag([1.0, 3.0]), dense={0: np.eye(2)})
-    program = Inequalities(basis=basis, blocks=(block,), count=1, forms=np.zeros((0, 1)), limits=np.zeros(0))
+    program = Inequalities(basis=basis, blocks=(block,), count=1)
     start, cost = np.array([0.0, 50.0]), np.array([0.0, 1.0])
     early = minimise(program, start, cost, hopeless=1.0)
     late = minimise(program, start, cost, accuracy=1e-6)

@@ -248,24 +248,17 @@ def _decrease(loop: FloatLoop, *, shift: int | None = None) -> list[Block]:
     return blocks
 
 
-def _positive(scalar: int) -> Block:
-    return Block(constant=np.zeros((1, 1)), dense={scalar: np.ones((1, 1))})
-
-
 def centring(loop: FloatLoop, basis: Basis, *, shift: bool = False) -> Inequalities:
     """Find Y, t, kappa with 0 < Y < I: the inequalities do not change when all are scaled.  Scalars: t, with an
     observer kappa, and with ``shift`` theta."""
     count = loop.multipliers + (loop.S is not None)
     blocks = _decrease(loop, shift=count if shift else None)
     blocks.append(Block(constant=np.eye(loop.size), plain=-1.0))
-    if loop.S is not None:
-        blocks.append(_positive(loop.multipliers))
     if shift:
         # Elsewhere the main inequality keeps Y positive: at Y v = 0 it would fail.
         blocks.append(Block(constant=np.zeros((loop.size, loop.size)), plain=1.0))
-        blocks += [_positive(k) for k in range(loop.multipliers)]
-    none = np.zeros((0, basis.size))
-    return Inequalities(basis=basis, blocks=tuple(blocks), count=count + shift, forms=none, limits=np.zeros(0))
+    positive = np.arange(0 if shift else loop.multipliers, count)
+    return Inequalities(basis=basis, blocks=tuple(blocks), count=count + shift, positive=positive)
 
 
 def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: float) -> Inequalities:
@@ -278,8 +271,6 @@ def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: fl
     for sign, factor in ((1.0, -1.0), (-1.0, condition)):
         blocks.append(Block(constant=np.zeros_like(eye), plain=sign, dense={lambda_: factor * eye}))
     disturbed = loop.S is not None and disturbance > 0
-    if loop.S is not None:
-        blocks.append(_positive(kappa))
     if disturbed:
         R, share = lambda_ + 1, lambda_ + 2
         corner, other, off = np.diag([1.0, 0.0]), np.diag([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
@@ -292,6 +283,7 @@ def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: fl
         basis=basis,
         blocks=tuple(blocks),
         count=lambda_ + 1 + 2 * disturbed,
+        positive=np.arange(kappa, lambda_),
         forms=basis.products(c, c).T,  # c'E c for every pair of ends and every unit matrix E
         limits=loop.reach**2,
     )

@@ -14,13 +14,13 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, Final
 
 from dobc_design.conditions.check import read_object
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.coupling.coupling import Coupling
-from dobc_design.coupling.enclosures import Curve, secant_range, slope_bound
+from dobc_design.coupling.enclosures import TOLERANCE, Curve, secant_range, slope_bound
 from dobc_design.coupling.expression import Expression, parse_expression, polynomial_degree, variables_used
 from dobc_design.coupling.tree import GradientAlgebra, Node, evaluate
 from dobc_design.errors import SpecError, wrong
@@ -38,6 +38,7 @@ ROOM: Final = Fraction(1, 10**5)  # gains are claimed this much wider, so that a
 # A gain of a coupling of vectors may be this much too wide at each end; so many parts of the box are looked at.
 _TOLERANCE: Final = Fraction(1, 1000)
 _MOST_PIECES: Final = 100
+_ANY: Final = Fraction(10**9)
 _ZERO: Final = Interval.point(0)
 
 
@@ -84,38 +85,42 @@ class Sectors:
         return self.problem.n * self.problem.m
 
 
-def gains_on(coupling: Coupling, radius: Fraction | Sequence[Fraction]) -> Entries:
-    """Enclose the gains of a coupling on |y_c| <= radius, one for all components or one for each, (m, m).  Raises:
-    UndefinedError naming h and the interval."""
+def gains_on(coupling: Coupling, radius: Fraction | Sequence[Fraction], *, tolerance: Fraction = TOLERANCE) -> Entries:
+    """Enclose the gains of a coupling on |y_c| <= radius, one for all components or one for each, (m, m); those of one
+    variable about ``tolerance`` too wide at most.  Raises: UndefinedError naming h and the interval."""
     m = coupling.dimension
     box = tuple(Interval(-r, r) for r in (radius if isinstance(radius, Sequence) else [radius] * m))
     if coupling.by_component:
         curve, own = Curve(coupling.components[0]), dict[Interval, Interval]()
         for side in box:
-            own[side] = own[side] if side in own else _secants(curve, side)
+            own[side] = own[side] if side in own else _secants(curve, side, tolerance)
         return tuple(tuple(own[side] if c == d else _ZERO for d in range(m)) for c, side in enumerate(box))
     rows, found = [], None
     for c, component in enumerate(coupling.components):
         if is_sum_of_curves(component.node):
-            rows.append(tuple(_secants_along(component, d, side) for d, side in enumerate(box)))
+            rows.append(tuple(_secants_along(component, d, side, tolerance) for d, side in enumerate(box)))
         else:
             found = found or _jacobian_hull(coupling, box)
             rows.append(found[c])
     return tuple(rows)
 
 
-def _secants(curve: Curve, side: Interval) -> Interval:
-    gain = secant_range(curve, side)
-    slope_bound(curve, side)  # sqrt has a secant gain as far as it is defined, but others may need its slope
+def _secants(curve: Curve, side: Interval, tolerance: Fraction) -> Interval:
+    gain = secant_range(curve, side, tolerance=tolerance)
+    # sqrt has a secant gain as far as it is defined, but others may need its slope: some bound of it
+    slope_bound(curve, side, tolerance=_ANY)
     return gain
 
 
-def _secants_along(component: Expression, d: int, side: Interval) -> Interval:
+def _secants_along(component: Expression, d: int, side: Interval, tolerance: Fraction) -> Interval:
     """The secant gain in y_d of a sum of functions of one variable each: the others are 0 there."""
-    if d not in variables_used(component.node):
-        return _ZERO
+    return _secants(_along(component, d), side, tolerance) if d in variables_used(component.node) else _ZERO
+
+
+@lru_cache(maxsize=256)
+def _along(component: Expression, d: int) -> Curve:
     text = re.sub(r"\by([0-9]+)\b", lambda name: "y" if int(name[1]) == d + 1 else "0", str(component))
-    return _secants(Curve(parse_expression(text)), side)
+    return Curve(parse_expression(text))
 
 
 def is_sum_of_curves(node: Node) -> bool:
@@ -128,12 +133,14 @@ def is_sum_of_curves(node: Node) -> bool:
     return linear and all(map(is_sum_of_curves, node.operands))
 
 
-def gains_at(problem: Problem, place: int, radius: Fraction | Sequence[Fraction]) -> Entries:
+def gains_at(
+    problem: Problem, place: int, radius: Fraction | Sequence[Fraction], *, tolerance: Fraction = TOLERANCE
+) -> Entries:
     """The same by the place of the coupling; that of the nodes for every state of a leader.  Raises: UndefinedError."""
     if place == problem.node and problem.leader is not None:
         radii = radius if isinstance(radius, Sequence) else [radius] * problem.m
         return slopes_of_node(problem, tuple(Interval(-r, r) for r in radii))
-    return gains_on(problem.couplings[place], radius)
+    return gains_on(problem.couplings[place], radius, tolerance=tolerance)
 
 
 def slopes_of_node(problem: Problem, errors: Box) -> Entries:

@@ -43,6 +43,7 @@ BEST = 3  # coordinates whose weights are rounded
 PATIENCE = (1.0, 0.5, 0.0)  # of the best rate, which a flatter v is to keep
 CLOSE, LARGEST = 1e-3, 1e6  # of v, when it is kept; condition of a modal form
 SHARES = (0.9, 0.5, 0.0)  # of the rate of the rows, which V is to keep
+ROUGHLY = Fraction(1, 1000)  # how far gains are enclosed in the search
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ class Agents:
         for place, radii in far.items():
             try:
                 sides = [rounded_up(Fraction(x), digits=3) for x in radii.tolist()]
-                entries = gains_at(self.problem, place, sides)
+                entries = gains_at(self.problem, place, sides, tolerance=ROUGHLY)
             except UndefinedError:
                 return None
             if place != self.problem.node and sum(not x.is_point for row in entries for x in row) > MOST_FREE:

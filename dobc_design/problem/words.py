@@ -152,6 +152,8 @@ def guarantee_words(switching: Switching) -> list[str]:
     if switching.guarantee == "markov":
         return ["Proofs may assume this Markov chain, with any first mode."]
     if switching.guarantee == "dwell" and switching.dwell is not None:
+        if switching.longest == switching.dwell:
+            return [f"Proofs may assume that every mode lasts {number_text(switching.dwell)} s."]
         most = "" if switching.longest is None else f" and at most {number_text(switching.longest)} s"
         return [f"Proofs may assume that a mode lasts at least {number_text(switching.dwell)} s{most}."]
     return []

@@ -20,6 +20,7 @@ from dobc_design.exact.matrix import matrix, multiply, scale
 from dobc_design.exact.number import number_text
 
 
+@pytest.mark.slow
 def test_linear_verdicts_agree_with_eigenvalues_and_exponentials():
     """Proved: all eigenvalues of (22) in the left half plane, V decays at least at the claimed rate whatever the
     switching; refuted: some mode has an eigenvalue that does not decay."""

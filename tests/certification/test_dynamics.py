@@ -55,7 +55,7 @@ def test_weights_prove_second_order_agents_from_one_over_the_rate_of_first_order
     assert below.covered_by == "linearisation"
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_random_agents_are_judged_as_their_eigenvalues_say():
     """2 to 12 agents, 2 to 4 states, 1 or 2 inputs; `make evidence` takes 300 of them."""
     tally = judged(range(20))

@@ -77,10 +77,14 @@ def certified(name: str) -> Certificate:
     return certify(CASES[name][0])
 
 
-LONG = ("spiking", "along a face")
+SLOW, LONG = ("along a face", "let go"), ("spiking",)
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in CASES])
+def marks(name: str) -> list[pytest.MarkDecorator]:
+    return [pytest.mark.slow] * (name in SLOW) + [pytest.mark.evidence] * (name in LONG)
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in CASES])
 def test_both_programs_agree_on_who_follows(name: str):
     problem, verdict, by = CASES[name]
     certificate = certified(name)
@@ -204,6 +208,7 @@ def test_a_mistake_is_named(told: str):
         oscillators(**MISTAKES[told])
 
 
+@pytest.mark.slow
 def test_other_claims_beside_the_problem_with_another_leader_fail():
     certificate = certified("spiking")
     assert not verify(certificate, spiking(leader={"initial": [[-2, 1], [-1, 1]]})).holds

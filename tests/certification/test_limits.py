@@ -82,9 +82,11 @@ HANGS = {
 }
 
 
-@pytest.mark.slow
+LONG = dict.fromkeys(("modes", "nested", "sines", "order 40"), pytest.mark.evidence)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
-@pytest.mark.parametrize("name", HANGS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=LONG.get(name, pytest.mark.slow)) for name in HANGS])
 def test_what_hung_ends_with_a_certificate_that_both_programs_confirm(name: str, tmp_path: Path):
     """Problems whose stages had no limit: pieces of an interval, bits of a number, modes, orders."""
     text, code = HANGS[name]
@@ -107,7 +109,7 @@ def test_a_design_for_a_large_exosystem_ends_with_a_proof_or_a_reason(text: str,
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="limits of Unix")
-@pytest.mark.parametrize(("order", "groups"), [(20, 3), (100, 1)])
+@pytest.mark.parametrize(("order", "groups"), [(20, 3), pytest.param(100, 1, marks=pytest.mark.evidence)])
 def test_a_given_gain_for_a_large_exosystem_ends_with_a_proof_of_the_region(order: int, groups: int, tmp_path: Path):
     """The semidefinite program for the error bound has q^2/2 unknowns; a Lyapunov equation proposes it as well."""
     text = given(order // groups, groups)

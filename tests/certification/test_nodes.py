@@ -36,7 +36,7 @@ def test_gains_of_the_integrators_hold_the_slopes_at_the_target():
     assert own.node == 1 and own.couplings[1].texts == ("y2 - 0", "-sin(y1) - y2/2 - 0")
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_pendulums_are_proved_from_a_ball_that_no_run_leaves():
     problem = pendulums()
     certificate = certify(problem)
@@ -50,7 +50,7 @@ def test_pendulums_are_proved_from_a_ball_that_no_run_leaves():
         assert np.max(np.abs(run.y[:, -1])) < 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_region_too_wide_for_sin_is_left_open():
     """Twin: the pin of 3 is stiffer than gravity, and holds from everywhere; with 1/100 both can stand upside down."""
     assert certify(pendulums(reach="4")).verdict is Verdict.PROVED
@@ -76,7 +76,7 @@ def test_lorenz_systems_are_held_at_the_unstable_origin_by_enough_gain(gain, ver
     assert certificate.verdict is verdict and verify(certificate, lorenz(gain)).holds
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_a_scalar_node_away_from_the_origin():
     """x' = x - x^3/3 + ... at xbar = 1 with u0 = -2/3: f'(1) = 0."""
     nodes = Dynamics(f=["x - x**3/3"])
@@ -87,7 +87,7 @@ def test_a_scalar_node_away_from_the_origin():
     assert certificate.verdict is Verdict.PROVED and verify(certificate, certificate.problem).holds
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_nodes_with_a_disturbance():
     """The observer watches B+ x; its error does not see f."""
     exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])

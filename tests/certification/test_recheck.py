@@ -129,6 +129,7 @@ def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
     assert expected_checks(pair()) == (("reachability", "G", None), ("lemma1", "G", None))
 
 
+@pytest.mark.slow
 def test_accepted_mutants_are_true():
     """98 changed certificates; the oracle reads every one that is accepted."""
     tally = mutant_campaign(range(7), each=14)

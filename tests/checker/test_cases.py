@@ -66,7 +66,8 @@ FEW = (
 REMOVED = [
     *(each for file in ("cycles", "graphs", "coordinates") for each in removals(file) if each.text not in EQUIVALENT),
     *removals("schedule"),
-    *(pytest.param(each, marks=pytest.mark.slow) for each in removals("margins")),
+    # who misses the last one is found among the last cases, a minute later
+    *(pytest.param(each, marks=pytest.mark.slow) for each in removals("margins") if each.text != "p.B is None"),
     *(each for file, text in FEW for each in removals(file) if each.text == text),
 ]
 

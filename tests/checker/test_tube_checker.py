@@ -28,6 +28,7 @@ def found() -> tuple[Document, bytes]:
     return json.loads(certificate_bytes(certify(problem, settling="1/10").claims)), canonical_bytes(problem)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("path", "factor", "code"),
     [

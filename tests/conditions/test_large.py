@@ -51,7 +51,7 @@ def test_the_vector_stands_in_the_certificate_and_both_programs_accept_it(as_lar
     assert accepted(certificate, problem) == (True, True)
 
 
-@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 6))])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (0, 2, 3, 4, 5))])
 def test_both_paths_come_to_the_same_verdicts(seed, request):
     """Vectors, matrix gains, irrational and negative slopes, several modes; margins differ by what is left unsought."""
     problem = random_problem(seed) if seed % 2 else random_linear_problem(seed)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from clean_kernel import NOTEBOOKS
 from evidence import (
     accuracy,
     agreement,
@@ -14,6 +15,7 @@ from evidence import (
     hadamard,
     hostile,
     local,
+    long_tests,
     margins,
     mutation,
     notebooks,
@@ -59,7 +61,7 @@ ITEMS = (
     Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=50),
     Item(name="tolerances", run=margins.tolerances, count=1000, seed=12_000),
     Item(name="inputs", run=margins.inputs, count=10_000, seed=12_000),
-    Item(name="kills", run=robustness.kills, count=200, seed=8000, share=200),
+    Item(name="kills", run=robustness.kills, count=200, seed=8000, share=0),
     Item(name="writers", run=robustness.writers, count=200, seed=8000, share=20),
     Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=0),  # slow tests interrupt 4 times
     Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=30),  # the count is seconds of CPU time
@@ -68,7 +70,7 @@ ITEMS = (
     Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),
     Item(name="linear-agents", run=local.linear_agents, count=300, seed=0, share=30),
     Item(name="published", run=published.table, count=len(PUBLISHED), seed=0, share=5),
-    Item(name="dynamic-regions", run=published.regions, count=10_000, seed=0, share=400),  # the count is starts
+    Item(name="dynamic-regions", run=published.regions, count=10_000, seed=0, share=0),  # the count is starts
     Item(name="decided", run=certificates.decided, count=500, seed=9000, share=40),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=100),  # points
     Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=200),  # the count is starts
@@ -82,12 +84,13 @@ ITEMS = (
     Item(name="sampled-runs", run=simulations.sampled, count=300, seed=9200, share=20),
     Item(name="stressed-runs", run=simulations.stressed, count=300, seed=9300, share=20),
     Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400, share=60),
-    Item(name="schedules", run=schedules.verdicts, count=500, seed=0, share=33),
-    Item(name="schedule-runs", run=schedules.runs, count=10_000, seed=0, share=100),
+    Item(name="schedules", run=schedules.verdicts, count=500, seed=0, share=125),
+    Item(name="schedule-runs", run=schedules.runs, count=10_000, seed=0, share=1000),
     Item(name="sweep", run=sweeps.run, count=2000, seed=0, share=50),
     Item(name="same-bytes", run=same_bytes.run, count=len(same_bytes.NAMES), seed=0, share=6),
     Item(name="rocq", run=rocq.files, count=15, seed=0, share=0),  # the slow tests check small ones
     Item(name="rocq-changes", run=rocq.changes, count=rocq.CHANGES, seed=0, share=0),  # and four changes
-    Item(name="notebooks", run=notebooks.run, count=9, seed=0, share=0),  # the slow tests run the short ones
+    Item(name="notebooks", run=notebooks.run, count=len(NOTEBOOKS), seed=0, share=0),  # slow tests run some
+    Item(name="long-tests", run=long_tests.run, count=25, seed=0, share=0),
     Item(name="mutation", run=mutation.run, count=40, seed=20261122, share=0),  # the tests of ten minutes are its base
 )

@@ -144,6 +144,7 @@ def in_c(problem: dd.Problem, run, agents: CompiledAgents, period: float):
     return [np.array(part) for part in zip(*found, strict=True)]
 
 
+@pytest.mark.slow
 @needs_gcc
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_agents_in_c_are_the_sampled_loop_and_that_is_the_loop_but_for_its_period(name, tmp_path):

@@ -328,7 +328,7 @@ def test_coq_accepts_a_whole_file_on_the_axioms_of_its_real_numbers(folder):
     assert_accepted(coqc(folder, "whole", text_of("turning")))
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_coq_accepts_groups_two_components_matrix_gains_a_formation_and_weights(folder):
     assert_accepted(coqc(folder, "rich", parts_2_to_4(text_of("rich"), assumptions=True)))
 

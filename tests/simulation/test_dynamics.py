@@ -144,8 +144,9 @@ def test_agents_that_are_too_stiff_between_samples_end_their_run():
         assert stiff or run.x[1:] == pytest.approx(0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("problem", [PROBLEMS[0], PROBLEMS[2]])
 def test_what_breaks_first_knows_the_period(monkeypatch: pytest.MonkeyPatch, problem):
     monkeypatch.setattr("dobc_design.simulation.breaking.OPTIONS", ("saturation", "period"))
-    found = dd.what_breaks_first(problem, t_final=12)
+    found = dd.what_breaks_first(problem, t_final=6)
     assert [each.option for each in found.sweeps] == ["saturation", "period"] and found.period.converges > 0.05

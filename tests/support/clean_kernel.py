@@ -7,7 +7,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-LONG = ("02", "03", "09")  # a quarter of a minute each, or more
+LONG = ("02", "03", "04", "09", "10")  # a quarter of a minute each, or more
 OPTIONS = ("--nbmake", "--nbmake-timeout=240", "-q", "-p", "no:cacheprovider", "--override-ini=addopts=")
 
 

@@ -136,6 +136,8 @@ def guarantee_in_words(problem: Problem) -> str:
     own = problem.switching
     if own is None or own.guarantee == "dwell":
         dwell, longest = (own.dwell, own.longest) if own is not None else (None, None)
+        if dwell and dwell == longest:
+            return f"every signal whose modes last {float(dwell):.6g} s each"
         most = "" if longest is None else f" and at most {float(longest):.6g} s"
         return f"every signal whose modes last at least {float(dwell or 0):.6g} s{most}"
     turns = ", ".join(f"{phase.mode} for {float(phase.shortest):.6g} s" for phase in phases_of(problem)[:6])

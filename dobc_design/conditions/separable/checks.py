@@ -80,11 +80,12 @@ def stuck_check(problem: Problem, W: Matrix | None, *, domain: str) -> Check | N
     if obstacle(problem, W) is not None or not stuck:
         return None
     labels = tuple(problem.network.labels[agent] for agent in stuck)
+    held = "pinned" if problem.m == 1 else "held by a pin in every component"
     reason = f"no weights v exist because of {name_agents(labels)}: each agent named has a mode in which it is not"
-    reason += " pinned and hears nobody outside this group."
+    reason += f" {held} and hears nobody outside this group."
     if len(problem.network.modes) > 1 and len(labels) <= _SHOWN:
         told = ", ".join(f"{label} in {mode}" for label, mode in zip(labels, stuck.values(), strict=True))
-        reason = f"no common weights v exist: these agents are not pinned and hear only each other: {told}."
+        reason = f"no common weights v exist: these agents are not {held} and hear only each other: {told}."
     witness = Witness(kind="agents", labels=labels)
     return Check(id="max-separable", verdict=Verdict.REFUTED, domain=domain, reason=reason, witness=witness)
 

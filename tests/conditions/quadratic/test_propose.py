@@ -204,7 +204,7 @@ def test_a_gain_without_an_exosystem_is_refused_and_what_holds_does_not_accept_n
     assert bound_lure(problem, holds=lambda each: False, method="interval", P_e=identity(3)) is None
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 @pytest.mark.parametrize(("agents", "shape"), [(60, "identity"), (20, "full")])
 def test_many_agents_are_certified(agents, shape):
     problem = cycle(agents, ALL)

@@ -50,7 +50,7 @@ def test_the_largest_ball_is_that_of_the_theory(gains, ball):
     assert "the region asks for 12.6491: beyond, no quadratic V is found. By method: P_e = I: " in check.reason
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_it_stops_at_the_first_form_that_covers_and_raises_the_rate():
     """All k = 3: P_e = I reaches 2.89, the ball asked for is sqrt(6)/2; near the consensus errors decay at 3 1/s."""
     problem = ring(6, 3, side="1/2")
@@ -64,7 +64,7 @@ def test_it_stops_at_the_first_form_that_covers_and_raises_the_rate():
     assert len(said) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_on_request_every_method_is_tried():
     check, said = stage(ring(7, 3, side="1/2"), everything=True)
     assert len(said) == 4

@@ -195,8 +195,10 @@ def test_without_pins_nothing_is_proved():
     assert "no pin reaches agent 1" in check.reason
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("pins", "dwell", "rounds"), [((1, 6), HALF, 16), ((1, 6), ONE, 8), ((1,), ONE, 15)])
+LATER = [pytest.param(*each, marks=pytest.mark.evidence) for each in (((1, 6), HALF, 16), ((1,), ONE, 15))]
+
+
+@pytest.mark.parametrize(("pins", "dwell", "rounds"), [pytest.param((1, 6), ONE, 8, marks=pytest.mark.slow), *LATER])
 def test_half_a_ring_at_a_time_settles_nearly_as_soon_as_its_slowest_run(pins, dwell, rounds):
     """Known answers: from 4 to 0.04 after so many rounds.  Runs of rising couplings lie between those from corners."""
     own = ring(dict.fromkeys(pins, 5), dwell)
@@ -224,6 +226,7 @@ def test_starts_are_those_of_phases_that_may_be_first():
     )
 
 
+@pytest.mark.slow
 def test_an_unstable_mode_refutes_only_where_it_may_stay_on():
     """Agent 1 runs away from agent 2 in B, at 4: exp(0.4 - 2) over 2.1 s where B lasts 0.1 s."""
     arcs, gains = {"A": [], "B": [[1, 2]]}, {1: 1, 2: 1}
@@ -279,6 +282,7 @@ def test_double_integrators_that_are_never_connected(coupling: str, region: Any)
     assert np.all(np.abs(run.x).max(axis=(1, 2)) <= result.envelope(run)(run.times) + 1e-12)
 
 
+@pytest.mark.slow
 def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
     """p' = q + sum of (p_j - p_i), q' = -3 q + sum of (q_j - q_i): by component the pinned agent looks unreached."""
     network = Network.from_arcs({"A": [], "B": [[2, 1]]}, arrow="listens_to", agents=2)

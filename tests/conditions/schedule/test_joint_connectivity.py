@@ -43,6 +43,7 @@ def true_rate(name: str) -> float:
     return -float(np.log(np.abs(np.linalg.eigvals(flow)).max())) / len(modes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "rate", "least"), [("leader", 0.12007, 0.6), ("spanning tree", 0.25, 0.9)])
 def test_what_is_jointly_connected_is_proved_with_a_rate(name: str, rate: float, least: float):
     found = certify(stated(name, list(EXAMPLES[name][1])))
@@ -52,6 +53,7 @@ def test_what_is_jointly_connected_is_proved_with_a_rate(name: str, rate: float,
     assert least * rate <= float(found.rate) <= true_rate(name)
 
 
+@pytest.mark.slow
 def test_a_long_chain_of_followers_is_proved_by_its_graphs_alone():
     """Its true rate is 0.028 1/s, far slower than the agents within a phase; no weights are found."""
     assert certify(stated("long leader", ["A", "B"])).verdict is Verdict.PROVED

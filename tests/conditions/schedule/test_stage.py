@@ -142,7 +142,7 @@ def fixed():
     return dd.certify_settling("paper-fixed")
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_example_1_holds_a_settling_time_that_the_lone_checker_decides():
     """R = 4, |eps_i| <= 1/2; Example 2 is among the evidence."""
     certificate = dd.certify("paper-fixed", settling="1/1000")
@@ -186,7 +186,7 @@ def test_no_run_of_example_1_crosses_the_envelope(fixed):
     assert found.closest > 0.5  # the comparison means something
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_example_2_settles_three_times_sooner_than_one_rate_says_and_no_run_crosses_the_envelope():
     """Found: 83.5 s for arbitrary switching among the four modes; the runs switch as the problem says."""
     settling = dd.certify_settling("paper-switching")
@@ -199,6 +199,7 @@ def test_example_2_settles_three_times_sooner_than_one_rate_says_and_no_run_cros
     assert found.settled <= settling.time
 
 
+@pytest.mark.slow
 def test_all_pinned_alike_settle_as_their_gain_says():
     """V = 1 and alpha = k = 5: |e| <= R exp(-5 t), so ln(2000)/5 s."""
     settling = dd.certify_settling(cycle(4, gains=5), radius=2, tolerance="1/1000")

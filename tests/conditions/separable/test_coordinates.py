@@ -164,7 +164,7 @@ def test_overdamped_agents_are_proved_and_others_are_left_open(problem, verdict)
         assert check.claim.T is not None
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_the_largest_box_is_found_where_the_region_is_too_wide():
     """sin(y)/y > 0 up to y = pi, where differences are twice the errors."""
     own = as_integrators(agents(h="sin(y1)", reach=10))
@@ -172,7 +172,7 @@ def test_the_largest_box_is_found_where_the_region_is_too_wide():
     assert check.verdict is Verdict.PROVED and 0.5 < check.domain["radius"] < 1.58
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_no_run_from_the_boundary_leaves_a_proved_set():
     exosystem = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]])
     problem = agents(region={"initial_states": [-1, 1], "initial_disturbance": "1/10"}, exosystem=exosystem)
@@ -182,7 +182,7 @@ def test_no_run_from_the_boundary_leaves_a_proved_set():
     assert "boundary of the max-separable set" in str(found) and not found.suspects
 
 
-@pytest.mark.slow
+@pytest.mark.evidence
 def test_pendulums_shrink_in_the_norm_of_the_certificate():
     """SciPy's runs of the equations written out, from 100 corners and points of the boundary."""
     n, problem = 4, agents(4, dynamics=Dynamics(f=PENDULUM, B=[[0], [1]]))

@@ -309,45 +309,6 @@ Qed.
 
 (* ---- Couplings without a limit: no start is excluded ---- *)
 
-(* A bound that holds with any slack on the factor of v holds. *)
-Lemma converges_at_limit_bound l radius off factor (v : nat -> R) rate :
-  (forall eps, 0 < eps -> converges l radius off (fun i => (factor + eps) * v i) rate) ->
-  converges l radius off (fun i => factor * v i) rate.
-Proof.
-  intros H T mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc.
-  apply (no_slack _ _ (v i * exp (- (rate * t)))). intros eps Heps.
-  assert (Hs := H eps ltac:(lra) T mode x xi z Hmode Hloop Hstart Hoff t i c Ht Hi Hc).
-  simpl in Hs. lra.
-Qed.
-
-(* Rows that hold at every scale: convergence from every start, with the bound stated explicitly. E0 is any bound on
-   what the observers inject (E0 = sqrt(size) off), vmin any lower bound of the weights. *)
-Theorem certified_globally : forall l v k alpha P beta kappa size rate,
-  (forall rho, 0 < rho -> certificate l v k alpha rho P beta kappa size 0 0 0 rate) ->
-  forall vmin E0 radius off, 0 < vmin -> (forall i, (i < agents l)%nat -> vmin <= v i) ->
-  0 <= E0 -> 0 <= radius -> 0 <= off -> size * off ^ 2 <= E0 ^ 2 ->
-  converges l radius off (fun i => (radius / vmin + kappa * E0) * v i) rate.
-Proof.
-  intros l v k alpha P beta kappa size rate Cert vmin E0 radius off Hvmin Hv HE Hr Hoff Hsize.
-  apply converges_at_limit_bound. intros eps Heps.
-  assert (Hkappa := kappa_positive _ _ _ _ _ _ _ _ _ _ _ _ _ (Cert 1 Rlt_0_1)).
-  assert (HkE : 0 <= kappa * E0) by (apply Rmult_le_pos; lra).
-  assert (Hrv : 0 <= radius / vmin).
-  { apply Rmult_le_pos; [exact Hr | left; apply Rinv_0_lt_compat, Hvmin]. }
-  set (rho := radius / vmin + kappa * E0 + eps).
-  assert (Hrho : 0 < rho) by (unfold rho; lra).
-  destruct (Cert rho Hrho).
-  refine (certified l v k alpha rho P beta kappa size E0 radius off rate _).
-  constructor; try assumption.
-  - intros i Hi. specialize (Hv i Hi).
-    replace (rho - kappa * E0) with (radius / vmin + eps) by (unfold rho; ring).
-    assert (vmin * (radius / vmin + eps) <= v i * (radius / vmin + eps))
-      by (apply Rmult_le_compat_r; lra).
-    assert (vmin * (radius / vmin + eps) = radius + vmin * eps) by (field; lra).
-    assert (0 < vmin * eps) by (apply Rmult_lt_0_compat; lra). lra.
-  - unfold rho; lra.
-Qed.
-
 (* Homogeneous couplings (h(s y) = s h(y) for s > 0): a row scales with its argument. *)
 Lemma row_scales l p i s e :
   (forall a y, In a (arcs l p) -> coupling a (s * y) = s * coupling a y) ->

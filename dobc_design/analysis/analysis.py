@@ -16,6 +16,9 @@ from scipy.sparse.csgraph import connected_components
 
 from dobc_design._checks import require_shape, require_square
 from dobc_design._show.cards import Card, Headed
+from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.weighted.network import Network as Alike
+from dobc_design.conditions.weighted.network import network_of
 from dobc_design.exact.matrix import Matrix, multiply, subtract, to_float
 from dobc_design.problem.arrays import (
     Gain,
@@ -162,11 +165,14 @@ MAX_DENSE = 2000  # rows of the largest matrix whose eigenvalues are computed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeSpectrum:
-    """Eigenvalues at the consensus in 1/s: of Lambda(J(0)), ascending, and of J(0) - K, slowest first; or None."""
+    """Eigenvalues at the consensus in 1/s: of Lambda(J(0)), ascending, and of J(0) - K, slowest first; or None.
+    ``second_order``: of double integrators that feel alpha p + beta p' of each other, beta^2/alpha, and what that has
+    to exceed, max Im(mu)^2/(Re(mu) |mu|^2) over the eigenvalues mu of L + K (Yu, Chen and Cao, 2010)."""
 
     mode: str
     lambda_eigenvalues: tuple[float, ...] | None
     loop_eigenvalues: tuple[complex, ...] | None
+    second_order: tuple[float, float] | None = None
 
     @property
     def lambda_max(self) -> float | None:
@@ -179,10 +185,11 @@ class ModeSpectrum:
         return -self.loop_eigenvalues[0].real if self.loop_eigenvalues else None
 
     def __str__(self) -> str:
-        if self.lambda_max is None or self.decay_rate is None:
-            return f'mode "{self.mode}": eigenvalues at the consensus not computed'
-        decay = f"small errors decay at {self.decay_rate:.4g} 1/s"
-        return f'mode "{self.mode}": lambda_max(Lambda) = {self.lambda_max:.4g}, {decay}'
+        said = [] if self.lambda_max is None else [f"lambda_max(Lambda) = {self.lambda_max:.4g}"]
+        said += [] if self.decay_rate is None else [f"small errors decay at {self.decay_rate:.4g} 1/s"]
+        if self.second_order is not None:
+            said.append("beta^2/alpha = {:.4g}, more than {:.4g} is needed".format(*self.second_order))
+        return f'mode "{self.mode}": {", ".join(said) or "eigenvalues at the consensus not computed"}'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -214,21 +221,32 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
     [dynamics] Lambda and J - K are those of the integrators with the same errors.  Raises: SpecError."""
     problem = as_integrators(problem)
     W, exosystem, modes = chosen_gain(problem, gain), problem.joint_exosystem, tuple(problem.network.modes)
+    network = network_of(state_theorems(problem)) if problem.n <= MAX_DENSE else None
     return Analysis(
         name=problem.name,
         observability=None if exosystem is None else check_observability(exosystem.A, exosystem.C),
         spectrum=None if exosystem is None or W is None else check_spectrum(exosystem.A, exosystem.C, W),
         graphs=tuple(graph_facts(problem.origin or problem, mode) for mode in modes),
-        modes=tuple(mode_spectrum(problem, mode) for mode in modes),
+        modes=tuple(mode_spectrum(problem, mode, network) for mode in modes),
     )
 
 
-def mode_spectrum(problem: Problem, mode: str) -> ModeSpectrum:
-    """Compute the eigenvalues of Lambda(J(0)) and of J(0) - K of one mode, up to 2000 rows."""
+def mode_spectrum(problem: Problem, mode: str, alike: Alike | str | None = None) -> ModeSpectrum:
+    """Compute the eigenvalues of Lambda(J(0)) and of J(0) - K of one mode, up to 2000 rows; up to 2000 agents that feel
+    their neighbours ``alike``: then those are of A - mu G, with mu of the network alone."""
     jacobian = consensus_jacobian(problem, mode) if problem.n * problem.m <= MAX_DENSE else None
-    if jacobian is None:
-        return ModeSpectrum(mode=mode, lambda_eigenvalues=None, loop_eigenvalues=None)
-    loop = (jacobian - pinning_matrix(problem)).toarray()
-    slowest_first = tuple(sorted(np.linalg.eigvals(loop).astype(complex).tolist(), key=lambda s: (-s.real, s.imag)))
-    ascending = tuple(np.linalg.eigvalsh(loop + loop.T).tolist())
-    return ModeSpectrum(mode=mode, lambda_eigenvalues=ascending, loop_eigenvalues=slowest_first)
+    ascending = found = mu = second_order = None
+    if isinstance(alike, Alike):
+        alone, A, G = alike.statements.problem, to_float(alike.A), to_float(alike.G)
+        M = consensus_jacobian(alone, mode)
+        mu = None if M is None else np.linalg.eigvals((pinning_matrix(alone) - M).toarray())
+    if mu is not None:
+        found = np.linalg.eigvals(A - mu[:, None, None] * G).ravel()
+        if np.array_equal(A, [[0, 1], [0, 0]]) and not G[0].any() and min(G[1]) > 0 and min(mu.real) > 0:
+            second_order = float(G[1, 1] ** 2 / G[1, 0]), float(np.max(mu.imag**2 / (mu.real * np.abs(mu) ** 2)))
+    if jacobian is not None:
+        loop = (jacobian - pinning_matrix(problem)).toarray()
+        ascending = tuple(np.linalg.eigvalsh(loop + loop.T).tolist())
+        found = np.linalg.eigvals(loop) if found is None else found
+    slowest = found if found is None else tuple(sorted(map(complex, found), key=lambda s: (-s.real, s.imag)))
+    return ModeSpectrum(mode=mode, lambda_eigenvalues=ascending, loop_eigenvalues=slowest, second_order=second_order)

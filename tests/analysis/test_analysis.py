@@ -1,16 +1,18 @@
 """Diagnostics in floating point: spectra, observability, graphs, eigenvalues at the consensus."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
-from dobc_design import Network, Problem, load_problem
+from dobc_design import Dynamics, Network, Problem, load_problem
 from dobc_design.analysis import analysis as diag
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.observability import decide_observable
 from dobc_design.model.model import build_model
+from dobc_design.problem.integrators import as_integrators
 
 PAPER_A, PAPER_C, PAPER_W = matrix([[0, 2], [-2, 0]]), matrix([[1, 0]]), matrix([["16/5"], ["12/5"]])
 
@@ -154,6 +156,25 @@ def test_large_problems_and_kinks_at_zero_get_no_eigenvalues():
     assert "not computed" in str(spectrum)
     network = Network.from_arcs([[1, 2]], arrow="listens_to")
     assert diag.mode_spectrum(Problem(network=network, coupling="y + abs(y)"), "G").lambda_max is None
+
+
+@pytest.mark.parametrize(
+    ("pins", "weight", "needed"), [({1: 3}, 2, 1.399166), ({1: 5, 6: 5}, 2, 0.637488), ({1: 1}, 1, 3.148023)]
+)
+def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(pins, weight, needed):
+    """Theory, section 13, the directed 10-cycle; at a hundredth more or less than needed."""
+    network = Network.from_arcs([[i, i % 10 + 1, weight] for i in range(1, 11)], arrow="listens_to")
+    for factor in (0.99, 1.01):
+        beta = Fraction(math.sqrt(factor * needed)).limit_denominator(10**6)
+        agents = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
+        gains = {agent: [[k, k * beta]] for agent, k in pins.items()}
+        problem = Problem(network=network, dynamics=agents, coupling=f"y1 + ({beta})*y2", gains=gains)
+        found = diag.analyse(problem).modes[0]
+        assert found.second_order == pytest.approx((factor * needed, needed), rel=1e-6)
+        assert (found.decay_rate > 0) is (factor > 1)
+        whole = diag.mode_spectrum(as_integrators(problem), "G").loop_eigenvalues
+        np.testing.assert_allclose(np.poly(found.loop_eigenvalues), np.poly(whole), rtol=1e-7, atol=1e-7)
+    assert "is needed" in str(found)
 
 
 def test_without_an_exosystem_or_a_gain_there_is_no_spectrum_and_a_gain_can_be_handed_over():

@@ -152,23 +152,12 @@ def vertex_matrices(
         yield sum(itertools.compress(steps, corner), fixed)
 
 
-def held_matrix(problem: Problem, P_e: SparseSymmetric, *, rate: Fraction, S: Matrix | None) -> SparseSymmetric:
-    """-(P_e K + K'P_e) + P_e (I (x) S) P_e + 2 rate P_e: what the derivative would be without couplings, (n m, n m)."""
-    return _derivative(P_e, _pins(problem), rate) + _sandwich(P_e, _observer_block(problem, S))
-
-
-def _pins(problem: Problem) -> dict[int, dict[int, Fraction]]:
-    """-K as rows: row -> column -> entry."""
-    m, rows = problem.m, dict[int, dict[int, Fraction]]((i, {}) for i in range(problem.n * problem.m))
-    for agent, gain in problem.pinning.gains.items():
-        for c, row in enumerate(gain):
-            rows[agent * m + c] = {agent * m + d: -entry for d, entry in enumerate(row) if entry}
-    return rows
-
-
 def linear_part(sectors: Sectors, mode: str, gains: Sequence[Fraction]) -> dict[int, dict[int, Fraction]]:
     """-K + sum of g b c' as rows: row -> column -> entry."""
-    rows = _pins(sectors.problem)
+    m, rows = sectors.problem.m, dict[int, dict[int, Fraction]]((i, {}) for i in range(sectors.size))
+    for agent, gain in sectors.problem.pinning.gains.items():
+        for c, own in enumerate(gain):
+            rows[agent * m + c] = {agent * m + d: -entry for d, entry in enumerate(own) if entry}
     for channel, g in zip(sectors.modes[mode], gains, strict=True):
         row = rows[channel.target]
         row[channel.plus] = row.get(channel.plus, ZERO) + g

@@ -143,11 +143,8 @@ class Agents:
 
     def gains_at(self, T: Array, v: Array, rho: float) -> Gains | None:
         """The gains where N <= rho, three digits further; None where a coupling is not defined, or has too many."""
-        sizes, far, found = (
-            rho * np.vstack([v, 0 * v[:1]]) @ np.abs(np.linalg.inv(T)).T,
-            dict[int, Array](),
-            list[GainRange](),
-        )
+        sizes = rho * np.vstack([v, 0 * v[:1]]) @ np.abs(np.linalg.inv(T)).T
+        far, found = dict[int, Array](), list[GainRange]()
         for place, i, j, _, _ in (group for groups in self.modes for group in groups):
             far[place] = np.maximum(far.get(place, 0.0), np.max(sizes[i] + sizes[j], axis=0))
         if self.problem.node is not None:

@@ -72,10 +72,13 @@ Definition closed_loop : Prop := forall i, (i < agents l)%nat ->
 End Motion.
 
 (* Every motion of the loop, under any switching, that starts with |x_i - goal_i| <= radius in each component and with
-   |xi_i - xihat_i| <= off (Euclidean norm) for each agent, has |x_i(t) - goal_i| <= bound_i exp(-rate t) in each component for
-   as long as it lasts: on [0, T), whatever T is. A motion for all t >= 0 is one on [0, T) for every T; and a solution that grows
-   without bound before some time T is one on [0, T), so that there is none. Any switching: [mode] may be any function of time for which there is a motion. Signals that are constant between
-   switches, with the new graph on from the switch on, are meant; switches may accumulate before a time, but not after it. *)
+   |xi_i - xihat_i| <= off (Euclidean norm) for each agent, has |x_i(t) - goal_i| <= bound_i exp(-rate t) in each
+   component for as long as it lasts: on [0, T), whatever T is.
+
+   A motion for all t >= 0 is one on [0, T) for every T; and a solution that grows without bound before some time T is
+   one on [0, T), so that there is none. Any switching: [mode] may be any function of time for which there is a motion.
+   Signals that are constant between switches, with the new graph on from the switch on, are meant; switches may
+   accumulate before a time, but not after it. *)
 Definition converges (l : loop) (radius off : R) (bound : nat -> R) (rate : R) : Prop :=
   forall T mode x xi z,
     (forall t, 0 <= t < T -> (mode t < modes l)%nat) ->

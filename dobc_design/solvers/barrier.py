@@ -186,7 +186,7 @@ class Inequalities:
 def centre(
     problem: Inequalities, point: Array, *, cost: Array | None = None, stop: Callable[[Array], bool] | None = None
 ) -> Array:
-    """Minimise cost'x + barrier by damped Newton steps from inside, or until ``stop``; the best point reached."""
+    """Minimise cost'x + barrier by Newton steps, halved as needed, from inside or until ``stop``: the best point."""
     cost = np.zeros(len(point)) if cost is None else cost
     value = float(cost @ point) + problem.barrier(point)
     for _ in range(MOST_STEPS):
@@ -199,8 +199,7 @@ def centre(
         decrement = float((gradient + cost) @ step)
         if not decrement > CENTRED**2:
             break
-        length = 1.0 if decrement < 0.1 else 1 / (1 + math.sqrt(decrement))
-        for trial in (1.0, length, *(length * 0.5**k for k in range(1, 20))):  # until the value falls
+        for trial in (0.5**k for k in range(24)):  # until the value falls
             candidate = point - trial * step
             after = float(cost @ candidate) + problem.barrier(candidate)
             if after < value - 1e-3 * trial * decrement:

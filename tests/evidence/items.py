@@ -46,11 +46,11 @@ class Item:
 
 
 ITEMS = (
-    Item(name="bad-samples", run=bad_samples.run, count=800, seed=4100, share=20),
+    Item(name="bad-samples", run=bad_samples.run, count=800, seed=4100, share=40),
     Item(name="recheck", run=certificates.recheck, count=500, seed=6000, share=100),
     Item(name="mutants", run=certificates.mutants, count=10_000, seed=6000, share=0),
-    Item(name="groups-recheck", run=certificates.groups_recheck, count=200, seed=6000, share=40),
-    Item(name="groups-mutants", run=certificates.groups_mutants, count=4000, seed=6000, share=40),
+    Item(name="groups-recheck", run=certificates.groups_recheck, count=200, seed=6000, share=80),
+    Item(name="groups-mutants", run=certificates.groups_mutants, count=4000, seed=6000, share=80),
     Item(name="removals", run=certificates.removals, count=300, seed=0, share=300),
     Item(name="region-recheck", run=certificates.region_recheck, count=60, seed=0, share=60),
     Item(name="region-mutants", run=certificates.region_mutants, count=2000, seed=3, share=100),
@@ -58,13 +58,13 @@ ITEMS = (
     Item(name="whole-psi", run=certificates.whole_psi, count=100, seed=6000, share=20),
     Item(name="decision", run=certificates.decision, count=200, seed=6000, share=10),
     Item(name="outside", run=certificates.outside, count=300, seed=6000, share=0),  # a fast test runs 60
-    Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=50),
+    Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=100),
     Item(name="tolerances", run=margins.tolerances, count=1000, seed=12_000),
     Item(name="inputs", run=margins.inputs, count=10_000, seed=12_000),
     Item(name="kills", run=robustness.kills, count=200, seed=8000, share=0),
     Item(name="writers", run=robustness.writers, count=200, seed=8000, share=20),
     Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=0),  # slow tests interrupt 4 times
-    Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=30),  # the count is seconds of CPU time
+    Item(name=FUZZ, run=robustness.fuzz, count=60, seed=8000, share=60),  # the count is seconds of CPU time
     Item(name="agreement", run=agreement.run, count=400, seed=8500, share=80),
     Item(name="cures", run=certificates.cures, count=500, seed=8000, share=50),
     Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),
@@ -73,7 +73,7 @@ ITEMS = (
     Item(name="dynamic-regions", run=published.regions, count=10_000, seed=0, share=0),  # the count is starts
     Item(name="decided", run=certificates.decided, count=500, seed=9000, share=40),
     Item(name="enclosures", run=enclosures.run, count=1_000_000, seed=8100, share=100),  # points
-    Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=200),  # the count is starts
+    Item(name="falsified", run=falsified.run, count=10_000, seed=8600, share=400),  # the count is starts
     Item(name="pins", run=pinning.choices, count=100, seed=9500),
     Item(name="designs", run=designs.requests, count=100, seed=9900),
     Item(name="true-rate-designs", run=designs.true_rate, count=200, seed=9950, share=40),
@@ -84,9 +84,9 @@ ITEMS = (
     Item(name="sampled-runs", run=simulations.sampled, count=300, seed=9200, share=20),
     Item(name="stressed-runs", run=simulations.stressed, count=300, seed=9300, share=20),
     Item(name="bounded-runs", run=simulations.bounded, count=60, seed=9400, share=60),
-    Item(name="schedules", run=schedules.verdicts, count=500, seed=0, share=125),
+    Item(name="schedules", run=schedules.verdicts, count=500, seed=0, share=250),
     Item(name="schedule-runs", run=schedules.runs, count=10_000, seed=0, share=1000),
-    Item(name="sweep", run=sweeps.run, count=2000, seed=0, share=50),
+    Item(name="sweep", run=sweeps.run, count=2000, seed=0, share=100),
     Item(name="same-bytes", run=same_bytes.run, count=len(same_bytes.NAMES), seed=0, share=6),
     Item(name="rocq", run=rocq.files, count=15, seed=0, share=0),  # the slow tests check small ones
     Item(name="rocq-changes", run=rocq.changes, count=rocq.CHANGES, seed=0, share=0),  # and four changes

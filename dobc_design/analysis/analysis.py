@@ -188,7 +188,7 @@ class ModeSpectrum:
         said = [] if self.lambda_max is None else [f"lambda_max(Lambda) = {self.lambda_max:.4g}"]
         said += [] if self.decay_rate is None else [f"small errors decay at {self.decay_rate:.4g} 1/s"]
         if self.second_order is not None:
-            said.append("beta^2/alpha = {:.4g}, more than {:.4g} is needed".format(*self.second_order))
+            said.append("double integrators: beta^2/alpha = {:.4g} has to exceed {:.4g}".format(*self.second_order))
         return f'mode "{self.mode}": {", ".join(said) or "eigenvalues at the consensus not computed"}'
 
 
@@ -221,13 +221,13 @@ def analyse(problem: Problem, *, gain: Gain | None = None) -> Analysis:
     [dynamics] Lambda and J - K are those of the integrators with the same errors.  Raises: SpecError."""
     problem = as_integrators(problem)
     W, exosystem, modes = chosen_gain(problem, gain), problem.joint_exosystem, tuple(problem.network.modes)
-    network = network_of(state_theorems(problem)) if problem.n <= MAX_DENSE else None
+    alike = network_of(state_theorems(problem)) if problem.origin is not None and problem.n <= MAX_DENSE else None
     return Analysis(
         name=problem.name,
         observability=None if exosystem is None else check_observability(exosystem.A, exosystem.C),
         spectrum=None if exosystem is None or W is None else check_spectrum(exosystem.A, exosystem.C, W),
         graphs=tuple(graph_facts(problem.origin or problem, mode) for mode in modes),
-        modes=tuple(mode_spectrum(problem, mode, network) for mode in modes),
+        modes=tuple(mode_spectrum(problem, mode, alike) for mode in modes),
     )
 
 

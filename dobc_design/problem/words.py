@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 from dobc_design.exact.matrix import Matrix
@@ -152,11 +153,15 @@ def guarantee_words(switching: Switching) -> list[str]:
     if switching.guarantee == "markov":
         return ["Proofs may assume this Markov chain, with any first mode."]
     if switching.guarantee == "dwell" and switching.dwell is not None:
-        if switching.longest == switching.dwell:
-            return [f"Proofs may assume that every mode lasts {number_text(switching.dwell)} s."]
-        most = "" if switching.longest is None else f" and at most {number_text(switching.longest)} s"
-        return [f"Proofs may assume that a mode lasts at least {number_text(switching.dwell)} s{most}."]
+        return [f"Proofs may assume that a mode lasts {lasting(switching.dwell, switching.longest)}."]
     return []
+
+
+def lasting(dwell: Fraction, longest: Fraction | None) -> str:
+    """How long a mode lasts: "at least 1 s and at most 2 s"."""
+    if dwell == longest:
+        return f"exactly {float(dwell):.6g} s"
+    return f"at least {float(dwell):.6g} s" + ("" if longest is None else f" and at most {float(longest):.6g} s")
 
 
 def switching_words(problem: Problem) -> str | None:

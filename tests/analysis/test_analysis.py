@@ -161,7 +161,7 @@ def test_large_problems_and_kinks_at_zero_get_no_eigenvalues():
 @pytest.mark.parametrize(
     ("pins", "weight", "needed"), [({1: 3}, 2, 1.399166), ({1: 5, 6: 5}, 2, 0.637488), ({1: 1}, 1, 3.148023)]
 )
-def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(pins, weight, needed):
+def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(monkeypatch, pins, weight, needed):
     """Theory, section 13, the directed 10-cycle; at a hundredth more or less than needed."""
     network = Network.from_arcs([[i, i % 10 + 1, weight] for i in range(1, 11)], arrow="listens_to")
     for factor in (0.99, 1.01):
@@ -174,7 +174,10 @@ def test_double_integrators_decay_where_the_criterion_of_second_order_says_so(pi
         assert (found.decay_rate > 0) is (factor > 1)
         whole = diag.mode_spectrum(as_integrators(problem), "G").loop_eigenvalues
         np.testing.assert_allclose(np.poly(found.loop_eigenvalues), np.poly(whole), rtol=1e-7, atol=1e-7)
-    assert "is needed" in str(found)
+    monkeypatch.setattr(diag, "MAX_DENSE", 10)  # as many agents, but twice the rows
+    large = diag.analyse(problem).modes[0]
+    assert large.lambda_max is None and large.loop_eigenvalues == found.loop_eigenvalues
+    assert f"beta^2/alpha = {1.01 * needed:.4g} has to exceed {needed:.4g}" in str(large)
 
 
 def test_without_an_exosystem_or_a_gain_there_is_no_spectrum_and_a_gain_can_be_handed_over():

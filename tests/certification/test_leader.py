@@ -77,14 +77,10 @@ def certified(name: str) -> Certificate:
     return certify(CASES[name][0])
 
 
-SLOW, LONG = ("along a face", "let go"), ("spiking",)
+LONG = {"along a face": pytest.mark.slow, "let go": pytest.mark.slow, "spiking": pytest.mark.evidence}
 
 
-def marks(name: str) -> list[pytest.MarkDecorator]:
-    return [pytest.mark.slow] * (name in SLOW) + [pytest.mark.evidence] * (name in LONG)
-
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=marks(name)) for name in CASES])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=LONG.get(name, ())) for name in CASES])
 def test_both_programs_agree_on_who_follows(name: str):
     problem, verdict, by = CASES[name]
     certificate = certified(name)

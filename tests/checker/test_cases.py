@@ -66,7 +66,7 @@ FEW = (
 REMOVED = [
     *(each for file in ("cycles", "graphs", "coordinates") for each in removals(file) if each.text not in EQUIVALENT),
     *removals("schedule"),
-    # who misses the last one is found among the last cases, a minute later
+    # that of `p.B is None` is noticed by one of the last cases only, after a minute: the evidence tries it
     *(pytest.param(each, marks=pytest.mark.slow) for each in removals("margins") if each.text != "p.B is None"),
     *(each for file, text in FEW for each in removals(file) if each.text == text),
 ]

@@ -126,7 +126,7 @@ def test_runs_draw_them():
 KINDS = ("y", "exp(y) - 1 + y", "tanh(y)", "-y/2", "sin(2*y) - y/4", "y - y**3/4")
 
 
-@pytest.mark.parametrize("seed", range(7))
+@pytest.mark.parametrize("seed", [*range(7), pytest.param(7, marks=pytest.mark.slow)])
 def test_rows_have_the_rate_of_all_vertices(seed: int):
     """Oracle: the 2^k graphs listed as modes, k <= 4, with couplings that rise, fall and turn."""
     rng = random.Random(seed)

@@ -38,7 +38,7 @@ ROOM: Final = Fraction(1, 10**5)  # gains are claimed this much wider, so that a
 # A gain of a coupling of vectors may be this much too wide at each end; so many parts of the box are looked at.
 _TOLERANCE: Final = Fraction(1, 1000)
 _MOST_PIECES: Final = 100
-_ANY: Final = Fraction(10**9)
+_ANY: Final = Fraction(10**9)  # where a bound may be as wide as it is
 _ZERO: Final = Interval.point(0)
 
 

@@ -45,6 +45,7 @@ from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below, number_text
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.words import lasting
 
 ZERO, ONE = Fraction(0), Fraction(1)
 FARTHEST: Final = 10_000  # exp(-x) beyond is bounded by exp(-FARTHEST)
@@ -136,10 +137,7 @@ def guarantee_in_words(problem: Problem) -> str:
     own = problem.switching
     if own is None or own.guarantee == "dwell":
         dwell, longest = (own.dwell, own.longest) if own is not None else (None, None)
-        if dwell and dwell == longest:
-            return f"every signal whose modes last {float(dwell):.6g} s each"
-        most = "" if longest is None else f" and at most {float(longest):.6g} s"
-        return f"every signal whose modes last at least {float(dwell or 0):.6g} s{most}"
+        return f"every signal whose modes last {lasting(dwell or ZERO, longest)}"
     turns = ", ".join(f"{phase.mode} for {float(phase.shortest):.6g} s" for phase in phases_of(problem)[:6])
     return f"the signal {turns}{', ...' if len(phases_of(problem)) > 6 else ''}, over and over"
 

@@ -97,6 +97,7 @@ def test_a_guarantee_in_words():
     words = {
         "every signal whose modes last at least 0.5 s": {"guarantee": "dwell", "dwell": "1/2"},
         "every signal whose modes last at least 1 s and at most 2 s": {"guarantee": "dwell", "dwell": 1, "longest": 2},
+        "every signal whose modes last exactly 1 s": {"guarantee": "dwell", "dwell": 1, "longest": 1},
         "the signal A for 1 s, B for 2 s, over and over": {
             "guarantee": "sequence",
             "sequence": ["A", "B"],

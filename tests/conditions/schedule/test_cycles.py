@@ -298,4 +298,6 @@ def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
         round_ = expm(np.kron(np.eye(2), [[0, 1], [0, -3]]) - np.kron(L, np.eye(2))) @ round_
     rate = -np.log(max(abs(np.linalg.eigvals(round_)))) / 2
     assert 0.9 * rate <= float(check.rate) <= rate
+    said = next(each.reason for each in result.checks if each.id == "max-separable")
+    assert "these agents are not held by a pin in every component and hear only each other: 1 in A, 2 in A" in said
     assert accepted_by(json.loads(certificate_bytes(result.claims)), own) == (True, True)

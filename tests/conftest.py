@@ -1,11 +1,15 @@
-"""How many examples Hypothesis draws, that CI draws the same ones every time, and signals for child processes."""
+"""How many examples Hypothesis draws, that CI draws the same ones every time, and what all workers of a run share."""
 
+import gc
 import json
 import os
+import shutil
+import tempfile
 from random import Random
 from typing import Any, NamedTuple
 
 import pytest
+from certified import FOLDER
 from heard import let_children_hear
 
 # Two processes of tests fill two cores; threads of linear algebra inside each would only wait for one another.
@@ -21,6 +25,27 @@ settings.register_profile("ci", parent=settings.get_profile("fast"), derandomize
 settings.load_profile("ci" if os.environ.get("CI") else "fast")
 
 let_children_hear()
+
+_SHARED = pytest.StashKey[str]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The process that begins a run makes the folder that its workers share."""
+    if FOLDER not in os.environ:
+        config.stash[_SHARED] = os.environ[FOLDER] = tempfile.mkdtemp(prefix="dobc-tests-")
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if folder := config.stash.get(_SHARED, None):
+        shutil.rmtree(folder, ignore_errors=True)
+        os.environ.pop(FOLDER)
+
+
+def pytest_collection_finish() -> None:
+    """What has been imported stays: the garbage collector need not look at it again and again."""
+    gc.collect()
+    gc.freeze()
+
 
 # The regions of these built-in problems take seconds to certify and to check.
 _LONG = ("karate-club", "microgrid-ieee14", "uav-swarm")

@@ -16,11 +16,13 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperCommand
+from typer.main import get_command
 
 from dobc_design._signals import SENTENCE
 from dobc_design.cli import certify, design, doctor, export, new, output, report, simulate, sweep
@@ -283,6 +285,12 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     return code if isinstance(code, int) else 0
 
 
+@cache
+def _command() -> Callable[..., Any]:
+    """The commands as typer reads them from the signatures, once."""
+    return get_command(app)
+
+
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code.  No exception gets out of here."""
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -297,7 +305,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         if sys.stdout is None:
             raise output.NoOutput("it is closed")
-        code = _guarded(lambda: app(args=given, prog_name="dobc", standalone_mode=False), as_json="--json" in given)
+        run = partial(_command(), args=given, prog_name="dobc", standalone_mode=False)
+        code = _guarded(run, as_json="--json" in given)
         sys.stdout.flush()
     except (output.NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
         with suppress(OSError, ValueError, AttributeError):  # Python is not to complain at exit

@@ -67,17 +67,18 @@ def to_control(
 def _system(problem: Problem, loop: Loop, network_at: Callable[[float], Network]) -> ConsensusLoop:
     size = loop.n * (loop.m + 2 * loop.q)
 
+    @np.errstate(all="ignore")  # trial steps far from the target overflow
     def update(time: float, state: Array, w: Array, params: Any) -> Array:
         (x, xi, z), s = loop.split(state[:size]), state[size:]
         xihat = z + applied(loop.W, x)
-        with np.errstate(all="ignore"):  # trial steps far from the target overflow
-            e = (x - loop.goal - (s if len(s) else 0.0)).ravel()
-            felt, s_dot = np.split(network_at(max(0.0, float(time)))(np.concatenate([e, s])), [len(e)])
-            felt = (felt.reshape(x.shape) + (s_dot if len(s) else 0.0)).ravel() - (xihat @ loop.C.T).ravel()
-            z_dot = xihat @ loop.F.T - applied(loop.W, felt.reshape(x.shape))
+        e = (x - loop.goal - (s if len(s) else 0.0)).ravel()
+        felt, s_dot = np.split(network_at(max(0.0, float(time)))(np.concatenate([e, s])), [len(e)])
+        felt = (felt.reshape(x.shape) + (s_dot if len(s) else 0.0)).ravel() - (xihat @ loop.C.T).ravel()
+        z_dot = xihat @ loop.F.T - applied(loop.W, felt.reshape(x.shape))
         w = w if loop.plant is None else (w.reshape(loop.n, -1) @ loop.plant.B.T).ravel()
         return np.concatenate([felt + (xi @ loop.C.T).ravel() + w, (xi @ loop.A.T).ravel(), z_dot.ravel(), s_dot])
 
+    @np.errstate(all="ignore")
     def output(time: float, state: Array, w: Array, params: Any) -> Array:
         (x, _, z), s = loop.split(state[:size]), state[size:]
         dhat = (z + x @ loop.W.T) @ loop.output.T

@@ -1,30 +1,88 @@
-"""Certificates made once by each process of tests, for tests that look at them, and not at how they come about."""
+"""Certificates made once in a run, for tests that look at them and not at how they come about.
 
+The workers of a run share them through a folder that lives as long as the run: what one has made the other reads.
+"""
+
+import copyreg
+import hashlib
+import os
+import pickle
+import time
+from collections.abc import Callable
 from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
-from dobc_design import Certificate, certify
+import pytest
 
-MADE: dict[tuple[object, bool, object], Certificate] = {}
+from dobc_design import Certificate, Problem, certify
+from dobc_design.certificate.claims import Claims
+from dobc_design.certification import certify as certification
+from dobc_design.problem.canonical import canonical_bytes
+
+#: The environment variable that names the folder; ``conftest.py`` makes it.
+FOLDER = "DOBC_TESTS_OF_THIS_RUN"
+LONGEST = 120.0  # seconds that one worker waits for what another makes
+
+MADE: dict[tuple[object, ...], Certificate] = {}
+
+
+def _read_only(mapping: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(mapping)
+
+
+copyreg.pickle(MappingProxyType, lambda mapping: (_read_only, (dict(mapping),)))
+
+
+def made_once(key: str, make: Callable[[], Any]) -> Any:
+    """What ``make`` returns, made by the first worker that asks for ``key``."""
+    folder = os.environ.get(FOLDER)
+    if folder is None:
+        return make()
+    path = Path(folder) / hashlib.sha256(key.encode()).hexdigest()
+    lock = path.with_suffix(".lock")
+    try:
+        lock.touch(exist_ok=False)
+    except FileExistsError:
+        end = time.monotonic() + LONGEST
+        while not path.exists() and lock.exists() and time.monotonic() < end:
+            time.sleep(0.01)
+        return pickle.loads(path.read_bytes()) if path.exists() else make()
+    try:
+        result = make()
+    except BaseException:
+        lock.unlink()  # whoever waits makes it, and fails alike
+        raise
+    part = path.with_suffix(".part")
+    part.write_bytes(pickle.dumps(result))
+    part.replace(path)
+    return result
+
+
+def certified(problem: Problem | str, *, everything: bool = False, settling: object = None) -> Certificate:
+    """What ``certify`` gives, of a built-in problem or another one."""
+    key = (problem, everything, settling)
+    if key not in MADE:
+        text = problem if isinstance(problem, str) else canonical_bytes(problem).decode()
+        make = lambda: certify(problem, everything=everything, settling=settling)  # noqa: E731
+        MADE[key] = made_once(f"certificate {everything} {settling} {text}", make)
+    return MADE[key]
+
+
+def certify_once(problem: Any, *, time_limit: object = None, progress: object = None, **options: Any) -> Certificate:
+    """``certify``, to be put in its place."""
+    if time_limit is not None:
+        return certify(problem, time_limit=time_limit, **options)
+    return certified(problem, **options)
 
 
 @cache
-def certified(name: str) -> Certificate:
-    """What ``certify(name)`` gives."""
-    return certify(name)
-
-
-def certify_once(
-    problem: object,
-    *,
-    everything: bool = False,
-    settling: object = None,
-    time_limit: object = None,
-    progress: object = None,
-) -> Certificate:
-    """``certify``, to be put in its place."""
-    key = (problem, everything, settling)
-    if time_limit is not None:
-        return certify(problem, everything=everything, settling=settling, time_limit=time_limit)
-    if key not in MADE:
-        MADE[key] = certify(problem, everything=everything, settling=settling)
-    return MADE[key]
+def consensus_claims(problem: Problem) -> Claims:
+    """What ``certify`` claims of network, observer, theorems and linearisation alone: nothing is searched for."""
+    with pytest.MonkeyPatch.context() as patch:
+        for stage in ("region_checks", "safety_stage", "accuracy_stage", "other_equilibria"):
+            patch.setattr(certification, stage, lambda *arguments, **options: [])
+        patch.setattr(certification, "with_cures", lambda problem, checks, *arguments, **options: checks)
+        patch.setattr(certification, "agreed", lambda claims, problem: claims)
+        return certify(problem).claims

@@ -18,10 +18,11 @@ import json
 from functools import cache
 from typing import Any
 
+from certified import consensus_claims
 from checker_cases import FAILS, GONE, HOLDS, UNREADABLE, Case, Document, about, bend, network, scalar
 from region_cases import claim, second_box
 
-from dobc_design import Exosystem, Observer, Problem, certify
+from dobc_design import Exosystem, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
@@ -112,7 +113,7 @@ def problems() -> dict[str, Problem]:
 
 @cache
 def certified(problem: str) -> bytes:
-    return certificate_bytes(certify(problems()[problem]).claims)
+    return certificate_bytes(consensus_claims(problems()[problem]))
 
 
 def case(name: str, problem: str, check: Document | None, code: int, *more: tuple[str, Document]) -> Case:

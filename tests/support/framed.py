@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+from certified import consensus_claims
 from checker_cases import FAILS, Case, Document
 
-from dobc_design import Problem, Switching, certify
+from dobc_design import Problem, Switching
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 
@@ -31,7 +32,7 @@ class Frames:
 
     def _frame(self, name: str) -> bytes:
         """What is found without the [switching], less what it says of regions."""
-        document = json.loads(certificate_bytes(certify(Problem(**self._settings[name][0])).claims))
+        document = json.loads(certificate_bytes(consensus_claims(Problem(**self._settings[name][0]))))
         document["checks"] = [each for each in document["checks"] if each["id"] in self._known]
         if document["verdict"] == "proved" and document["covered_by"] not in self._known:
             document |= {"verdict": "undecided", "rate": None, "covered_by": None}

@@ -8,7 +8,7 @@ from typing import Any
 
 from checker_cases import EACH_OTHER, FAILS, HOLDS, Case, Document, network, scalar
 from framed import Frames, bent
-from region_cases import ball, box, claim, doubles, second_box
+from region_cases import REFUTED, ball, box, claim, doubles, second_box
 
 from dobc_design.problem.groups import Observer
 
@@ -276,8 +276,8 @@ def _unstable() -> Iterator[Case]:
     """An unstable mode in which no signal may stay refutes nothing, nor does a place of rest."""
     place = second_box()
     place["exact"]["mode"] = "A"
-    yield _case("second, any signal", HOLDS, place, "another equilibrium")
-    yield _case("second, in turn", FAILS, place, "another equilibrium")
+    yield _case("second, any signal", HOLDS, place, "another equilibrium", **REFUTED)
+    yield _case("second, in turn", FAILS, place, "another equilibrium", **REFUTED)
     left: Document = {"verdict": "undecided"}
     for name in ("pushed", "pushed, leaves", "pushed, not long", "pushed, in turn"):
         yield _case(name, HOLDS, None, "left open", **left)

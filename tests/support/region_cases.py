@@ -12,9 +12,10 @@ from functools import cache
 from typing import Any
 
 import mpmath
+from certified import consensus_claims
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, Document, bend, network, scalar
 
-from dobc_design import Exosystem, Network, Observer, Problem, certify
+from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.conditions.kinds import KINDS
 from dobc_design.problem.canonical import canonical_bytes
@@ -125,7 +126,7 @@ def _frames() -> dict[str, tuple[bytes, bytes]]:
     """Certificates of what is true at the consensus, or everywhere; and the problems with their regions."""
     frames = {}
     for name, settings in _settings().items():
-        document = json.loads(certificate_bytes(certify(Problem(**settings | {"region": None})).claims))
+        document = json.loads(certificate_bytes(consensus_claims(Problem(**settings | {"region": None}))))
         data = canonical_bytes(problems()[name])
         document["problem_sha256"] = hashlib.sha256(data).hexdigest()
         document["checks"] = [check for check in document["checks"] if KINDS[check["id"]].role != "region"]

@@ -4,10 +4,11 @@ import json
 from functools import cache
 from typing import Any
 
+from certified import consensus_claims
 from checker_cases import FAILS, HOLDS, Case, Document, bend, network, scalar
 from region_cases import claim
 
-from dobc_design import Exosystem, Observer, Problem, certify
+from dobc_design import Exosystem, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 
@@ -66,7 +67,7 @@ def problems() -> dict[str, Problem]:
 
 def case(name: str, problem: str, check: Document, code: int, **changes: Any) -> Case:
     """The certificate of a small problem with this one claim of the topic; the verdict follows, but for ``changes``."""
-    document = json.loads(certificate_bytes(certify(problems()[problem]).claims))
+    document = json.loads(certificate_bytes(consensus_claims(problems()[problem])))
     topics = ("theorem1-weighted", "theorem2-weighted", "linearisation")
     document["checks"] = [each for each in document["checks"] if each["id"] not in topics] + [check]
     ids = (*topics, *(("theorem1", "theorem2") if document["observer"]["W"] else ("lemma1",)), "max-separable", "lure")

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 
 from dobc_design.conditions.check import Check, limited, starts_in, undecided_check
 from dobc_design.conditions.consensus.claim import state_theorems
@@ -105,7 +105,7 @@ def square_claim(problem: Problem, W: Matrix | None, generator: Matrix) -> Kept 
         return None
     unit = np.eye(size)
     blocks = [np.kron(A.T, unit) + np.kron(unit, A.T) for A in known]
-    T: Any = sparse.block_diag(blocks).toarray() + np.kron(to_float(generator), np.eye(size**2))
+    T: Any = linalg.block_diag(*blocks) + np.kron(to_float(generator), np.eye(size**2))
     rate = _observed(problem, W, -float(np.max(np.linalg.eigvals(T).real)) / 2 * STEADY)
     if rate <= SMALLEST:
         return None

@@ -5,17 +5,19 @@ import json
 import os
 import shutil
 import tempfile
+import time
 from random import Random
 from typing import Any, NamedTuple
 
 import pytest
-from certified import FOLDER
 from heard import let_children_hear
 
 # Two processes of tests fill two cores; threads of linear algebra inside each would only wait for one another.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from certified import FOLDER
 from hypothesis import settings
+from machine import kernels, versions
 
 from dobc_design import Exosystem, Network, Problem
 
@@ -26,7 +28,9 @@ settings.load_profile("ci" if os.environ.get("CI") else "fast")
 
 let_children_hear()
 
-_SHARED = pytest.StashKey[str]()
+_SHARED, _BEGAN = pytest.StashKey[str](), pytest.StashKey[float]()
+_TOOK = "dobc/seconds of the fast tests"
+_FAST = "not slow and not evidence"  # of pyproject.toml
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -39,6 +43,33 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     if folder := config.stash.get(_SHARED, None):
         shutil.rmtree(folder, ignore_errors=True)
         os.environ.pop(FOLDER)
+
+
+def pytest_report_header(config: pytest.Config) -> list[str]:
+    """What is tested with, and how long it takes here: known after the first run."""
+    lines = [versions(), kernels()]
+    if _is_whole(config):
+        took = config.cache and config.cache.get(_TOOK, None)
+        known = f"{took:.0f} s here the last time" if took else "one to three minutes on two cores"
+        lines.append(f"The fast tests: {known}.")
+    return lines
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    session.config.stash[_BEGAN] = time.monotonic()
+
+
+def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
+    config = session.config
+    if _is_whole(config) and exitstatus == pytest.ExitCode.OK and config.cache:
+        config.cache.set(_TOOK, time.monotonic() - config.stash[_BEGAN])
+
+
+def _is_whole(config: pytest.Config) -> bool:
+    """All fast tests, asked for by the process that begins the run."""
+    option = config.option
+    chosen = option.keyword or option.collectonly or option.markexpr != _FAST or config.args != ["tests"]
+    return not chosen and not hasattr(config, "workerinput")
 
 
 def pytest_collection_finish() -> None:

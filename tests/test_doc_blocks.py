@@ -93,6 +93,7 @@ def test_the_pages_have_blocks():
     assert sum(len(blocks(page)) for page in PAGES) > 20
 
 
+@pytest.mark.slow
 def test_the_picture_of_the_readme_is_the_one_of_its_problem_file(monkeypatch: pytest.MonkeyPatch):
     """Drawn anew from the mine.toml that the README shows, certified as it is; positions may differ by half a point."""
     monkeypatch.syspath_prepend(ROOT / "docs" / "_ext")

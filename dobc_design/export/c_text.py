@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import cache
 from importlib.resources import files
 
 import numpy as np
@@ -21,6 +22,7 @@ PRECISIONS = ("double", "float")
 HELPERS = ("abs", "min", "max")  # functions that templates/agent.c.j2 has, beside power
 
 
+@cache
 def template(name: str) -> Template:
     """A file of ``templates/``: text with places for text that is C already: nothing is escaped here."""
     text = (files("dobc_design.export") / "templates" / name).read_text("utf-8")

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from functools import cache
 from typing import Final
+
+from jinja2 import Template
 
 from dobc_design._show.text import typeset
 from dobc_design.report import document as doc
@@ -47,10 +50,6 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
 
     ``version``: that of the program that made the certificate.  The same document gives the same bytes.
     """
-    signs = {"block_start_string": "<%", "block_end_string": "%>", "comment_start_string": "<#"}
-    signs |= {"variable_start_string": "<<", "variable_end_string": ">>", "comment_end_string": "#>"}
-    filters = {"tex": tex, "plain": doc.plain, "cells": _cells, "widths": _widths}
-    environment = environment_of(filters, **signs, keep_trailing_newline=True)
     report = doc.in_form(document, "latex")
     condition, kept = report.section("condition"), dict[str, str]()
     matrices = [block for block in condition if isinstance(block, doc.Matrices)]
@@ -67,12 +66,21 @@ def latex_fragments(document: doc.Document, version: str) -> dict[str, bytes]:
     ):
         if blocks:
             given = {"report": report, "name": name, "what": what, "blocks": blocks, "filled": FILLED}
-            kept[f"{name}.tex"] = environment.get_template("fragment.tex.j2").render(given, packages=PACKAGES)
+            kept[f"{name}.tex"] = _template("fragment.tex.j2").render(given, packages=PACKAGES)
     safe = "".join(each for each in version if each.isalnum() or each in ".+-")
     given = {"name": document.name, "fragments": [name.removesuffix(".tex") for name in kept], "version": safe}
     given |= {"packages": PACKAGES, "bibliography": BIBLIOGRAPHY.removesuffix(".bib")}
-    kept |= {name: environment.get_template(f"{name}.j2").render(given) for name in (BIBLIOGRAPHY, MAIN)}
+    kept |= {name: _template(f"{name}.j2").render(given) for name in (BIBLIOGRAPHY, MAIN)}
     return {name: text.encode("utf-8") for name, text in kept.items()}
+
+
+@cache
+def _template(name: str) -> Template:
+    """With signs that mean nothing in LaTeX."""
+    signs = {"block_start_string": "<%", "block_end_string": "%>", "comment_start_string": "<#"}
+    signs |= {"variable_start_string": "<<", "variable_end_string": ">>", "comment_end_string": "#>"}
+    filters = {"tex": tex, "plain": doc.plain, "cells": _cells, "widths": _widths}
+    return environment_of(filters, **signs, keep_trailing_newline=True).get_template(name)
 
 
 def tex(text: object) -> str:

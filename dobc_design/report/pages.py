@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 
 from dobc_design._show.text import Fragment, mathml, typeset
 from dobc_design.report import document as doc
@@ -19,16 +20,23 @@ _OPENING = re.compile(r"^(\d*)([-+=.)])(?=\s|$)")  # would begin a list or under
 
 def html_page(document: doc.Document, *, full: bool = False) -> str:
     """The page; ``full``: with its details open, to be printed.  The same document gives the same text."""
-    filters = {"math": _math, "pieces": doc.pieces, "svg": svg_of, "typeset": typeset}
-    environment = environment_of(filters, autoescape=True)
-    template = environment.get_template("document.html.j2")
-    return template.render(document=doc.in_form(document, "html"), full=full, leads=doc.leads) + "\n"
+    return _html_template().render(document=doc.in_form(document, "html"), full=full, leads=doc.leads) + "\n"
 
 
 def markdown_page(document: doc.Document) -> str:
     """The document as Markdown."""
-    template = environment_of({"md": escape, "words": _words}).get_template("document.md.j2")
-    return template.render(document=doc.in_form(document, "markdown")).rstrip() + "\n"
+    return _markdown_template().render(document=doc.in_form(document, "markdown")).rstrip() + "\n"
+
+
+@cache
+def _html_template() -> Template:
+    filters = {"math": _math, "pieces": doc.pieces, "svg": svg_of, "typeset": typeset}
+    return environment_of(filters, autoescape=True).get_template("document.html.j2")
+
+
+@cache
+def _markdown_template() -> Template:
+    return environment_of({"md": escape, "words": _words}).get_template("document.md.j2")
 
 
 def environment_of(filters: dict[str, Any], **options: Any) -> Environment:

@@ -4,16 +4,21 @@ import json
 from dataclasses import replace
 from fractions import Fraction
 
+import cycles_cases
 import numpy as np
 import pytest
+import region_cases
+from cycles_cases import A_ENDS, A_STARTS, CHAINED, CUBIC, GOES_ON, GRAPHS, OBSERVED, retimed
+from tube_cases import SEEN
 
 import dobc_design as dd
 from dobc_design import Certificate, Exosystem, Network, Observer, Problem, Verdict
 from dobc_design.certificate.bounds import certified_bound, keeps_guarantee
 from dobc_design.certificate.claims import certified_period
+from dobc_design.certificate.text import read_claims
 from dobc_design.conditions.check import Check, Values
-from dobc_design.conditions.schedule.cycles import Cycles
 from dobc_design.errors import CertificateError, SpecError
+from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.report.pictures import error_picture, svg_of
 
 
@@ -148,8 +153,8 @@ def test_where_nothing_is_proved_about_a_run_no_bound_is_shown_and_the_reason_is
         assert bound.sources == ()
         with pytest.raises(SpecError, match="no certified bound"):
             bound([0.0])
-        lines = [line.get_label() for ax in done.plot(certificate=certificate).figure.axes for line in ax.get_lines()]
-        assert "certified bound on |e|∞" not in lines
+    lines = [line.get_label() for ax in done.plot(certificate=certificate).figure.axes for line in ax.get_lines()]
+    assert "certified bound on |e|∞" not in lines
 
 
 def test_a_certificate_without_regions_bounds_nothing_and_says_what_to_ask_for():
@@ -179,14 +184,16 @@ def test_the_bound_is_drawn_as_far_as_the_integration_can_be_held_against_it():
     assert run.final_error > bound[-1]  # which says nothing against the bound
 
 
-def test_a_settling_time_bounds_by_its_envelope(curved):
-    problem, certificate = curved
-    run = dd.simulate(problem, t_final=6)
-    settling = dd.certify_settling(problem, tolerance="1/100")
-    bound = replace(certificate.envelope(run), envelopes=(), settling=settling)
-    assert bound.sources == ("settling",)
-    np.testing.assert_array_equal(bound(run.times), settling.envelope(run.times))
+def test_a_settling_time_bounds_by_its_envelope():
+    problem = region_cases.problems()["observed, linear"]
+    certificate = Certificate(problem=problem, claims=read_claims(region_cases.certificate("observed, linear", SEEN)))
+    run = dd.simulate(problem, start={"x": [[1], [-1]], "xi": [[0.5], [-0.5]]}, t_final=6)
+    bound = certificate.envelope(run)
+    assert set(bound.sources) == {"theorem1", "settling"}
+    bound = only(certificate, "settling").envelope(run)
+    np.testing.assert_array_equal(bound(run.times), certificate.settling.envelope(run.times))
     assert (run.error() <= bound(run.times)).all()
+    assert not (run.error() <= 0.1 * bound(run.times)).all()
 
 
 def relay(**changes) -> Problem:
@@ -196,24 +203,37 @@ def relay(**changes) -> Problem:
     return Problem(network=network, coupling="2*y", gains={1: 2}, switching=dd.Switching(**turns), **changes)
 
 
-BY_GRAPHS = {"phases": (), "rate": None, "rho": None}
-DISTURBED = {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[4]])}
+def by_hand(name: str, check: dict[str, object]) -> Certificate:
+    """A claim of tests/support/cycles_cases.py and its problem: what starts within 1 of the target is certified."""
+    claims, problem = cycles_cases.certificate(name, check)
+    return Certificate(problem=problem_from_canonical(problem), claims=read_claims(claims))
 
 
-@pytest.mark.parametrize("changes", [{}, DISTURBED, {"turns": {"guarantee": "sequence", "longest": None}}])
-def test_weights_under_a_guarantee_bound_every_run_that_keeps_it(changes):
-    certificate = dd.certify(relay(**changes))
-    assert certificate.covered_by == "schedule"
-    worst = [] if "turns" in changes else [dd.simulate(certificate.problem, stress="worst", t_final=12)]
-    for run in [*worst, *(dd.simulate(certificate.problem, seed=seed, t_final=12) for seed in range(3))]:
+BY_HAND = {"pair": CUBIC, "chain, observed": OBSERVED, "chain": CHAINED}
+
+
+@pytest.mark.parametrize("name", BY_HAND)
+def test_weights_under_a_guarantee_bound_every_run_that_keeps_it(name: str):
+    certificate = by_hand(name, BY_HAND[name])
+    problem, rate = certificate.problem, certificate.check("schedule").rate
+    own = [{"stress": "worst"}] if name == "pair" else []
+    for seed, changes in enumerate([*own, {}, {}, {}]):
+        start = {"x": np.random.default_rng(seed).uniform(-1, 1, (problem.n, 1))}
+        run = dd.simulate(problem, seed=seed, start=start, t_final=12, **changes)
         bound = certificate.envelope(run)
         assert bound.sources == ("schedule",)
         assert (run.error() <= bound(run.times)).all()
-        assert bound(12.0) == pytest.approx(bound(0.0) * np.exp(-12 * certificate.rate), rel=1e-4)
+        assert bound(12.0) == pytest.approx(bound(0.0) * np.exp(-12 * rate), rel=1e-4)
 
 
 def test_the_bound_by_weights_is_their_largest_over_their_least():
-    certificate = dd.certify(relay(turns={"guarantee": "sequence", "longest": None}))
+    """Between two times a quarter of a second apart the bound is that of the earlier weights at the later time."""
+    parts = [
+        np.array(A_STARTS, float) + k / 4 * (np.array(A_ENDS, float) - np.array(A_STARTS, float)) for k in range(5)
+    ]
+    often = retimed(CHAINED, ["0", "1/4", "1/2", "3/4", "1"], *([f"{x:.6f}" for x in v] for v in parts))
+    certificate = by_hand("chain", often)
+    assert dd.verify(certificate.claims, certificate.problem).holds
     phases = [(np.array(each.times, float), np.array(each.v, float)) for _, each in certificate.weights]
     tallest = max((v.max(axis=1) * np.exp(certificate.rate * times)).max() for times, v in phases)
     run = dd.simulate(certificate.problem, start={"x": [[2], [0], [0]]}, t_final=1)
@@ -250,27 +270,27 @@ def test_a_run_under_another_signal_has_no_bound_by_the_guarantee(turns, signal,
     run = dd.simulate(problem, signal=signal, t_final=1)
     assert keeps_guarantee(problem, json.loads(run.signal)) is kept
     assert ("The signal need not keep the guarantee of [switching]." in run.notes) is not kept
-    if isinstance(signal, dd.signals.Fixed):
-        assert dd.certify(problem).envelope(run).reason == "the proof is not about the signal of the run"
+
+
+def test_weights_bound_no_run_in_one_mode():
+    certificate = by_hand("pair", CUBIC)
+    run = dd.simulate(certificate.problem, signal=dd.signals.Fixed(), start={"x": [[1], [0]]}, t_final=1)
+    assert certificate.envelope(run).reason == "the proof is not about the signal of the run"
 
 
 def test_a_settling_time_of_a_sequence_bounds_no_other_signal():
-    network = dd.Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
-    turns = dd.Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
-    problem = Problem(network=network, coupling="y", gains={1: 1}, region={"initial_states": [-1, 1]}, switching=turns)
-    certificate = dd.certify(problem, settling="1/10")
-    assert "settling" in certificate.envelope(dd.simulate(problem, t_final=2)).sources
-    stuck = dd.simulate(problem, signal=dd.signals.Fixed(mode="A"), t_final=2)
+    certificate = by_hand("chain", GOES_ON)
+    start = {"x": [[1], [-1], [0]]}
+    assert "settling" in certificate.envelope(dd.simulate(certificate.problem, start=start, t_final=2)).sources
+    stuck = dd.simulate(certificate.problem, start=start, signal=dd.signals.Fixed(mode="A"), t_final=2)
     assert not certificate.envelope(stuck).sources
 
 
 def test_a_proof_by_the_graphs_bounds_no_run():
-    problem = relay(turns={"longest": 2})
-    proved = Check(id="schedule", verdict=Verdict.PROVED, domain="global", reason="", claim=Cycles(**BY_GRAPHS))
-    certificate = dd.certify(problem)
-    certificate = replace(certificate, claims=replace(certificate.claims, checks=(proved,)))
+    certificate = by_hand("two", GRAPHS)
     assert certificate.weights == ()
-    assert certificate.envelope(dd.simulate(problem, t_final=1)).reason == "the proof states no rate"
+    run = dd.simulate(certificate.problem, t_final=1)
+    assert certificate.envelope(run).reason == "the proof states no rate"
 
 
 @pytest.mark.parametrize("times", [[-1.0], [np.nan], [0.0, np.inf]])

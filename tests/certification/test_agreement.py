@@ -7,16 +7,19 @@ from fractions import Fraction
 from itertools import product
 
 import pytest
+from certified import certified, consensus_claims
 from linked import linked
 
 import dobc_design.certification.recheck as rechecks
 from dobc_design import Exosystem, Verdict, certify, verify
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.overall import decide_overall
 from dobc_design.checker import files
 from dobc_design.checker.examine import Refused, examine
 from dobc_design.conditions.check import Values, Witness
 from dobc_design.errors import CertificateError
 from dobc_design.exact.matrix import find_in_nullspace
+from dobc_design.falsification.search import equilibrium_check
 from dobc_design.problem.canonical import canonical_bytes
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
@@ -61,17 +64,19 @@ CASES = {
 }
 
 
-SLOW = ("sqrt", "wiggle, wide", "max(y, 0)", "dead zone")
+SLOW = ("sqrt", "sqrt, inside", "wiggle", "wiggle, wide", "max(y, 0)", "dead zone")
+#: The rule about sets that hear nobody else decides these; nothing of a region is searched for.
+AT_ONCE = ("closed set, basis test", "closed set, just missed")
 
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES])
 def test_known_defects_end_as_they_should_and_both_programs_accept(name: str):
     problem, wanted = CASES[name]
-    certificate = certify(problem)
-    assert (certificate.verdict, verify(certificate, problem).failures) == (wanted, ())
-    assert not any("second program" in check.reason for check in certificate.checks)
+    claims = consensus_claims(problem) if name in AT_ONCE else certified(problem).claims
+    assert (claims.verdict, verify(claims, problem).failures) == (wanted, ())
+    assert not any("second program" in check.reason for check in claims.checks)
     if name == "sqrt":  # |e_i| <= 1/2 compares the agents as far apart as sqrt(1 + y) has values
-        assert certificate.check("max-separable").domain["radius"] > 0.4
+        assert certified(problem).check("max-separable").domain["radius"] > 0.4
 
 
 def test_a_list_of_one_function_is_that_function():
@@ -97,25 +102,25 @@ def free_shift_by_checker(M, sides) -> bool:
     return problem.leaves_free({0})
 
 
-def largest_by_scipy(M, sides) -> float:
-    """The largest |entry| of a point of the box in the nullspace; 0 if there is none."""
+def is_met_for_scipy(M, sides) -> bool:
+    """Whether a point of the box other than 0 lies in the nullspace."""
     from scipy.optimize import linprog
 
     if any(lo > hi for lo, hi in sides):
-        return 0.0
-    found = 0.0
+        return False
     for k, sign in product(range(len(sides)), (1, -1)):
         cost = [-sign * (j == k) for j in range(len(sides))]
         A = [[float(x) for x in row] for row in M] or None
         answer = linprog(cost, A_eq=A, b_eq=A and [0] * len(A), bounds=[(float(lo), float(hi)) for lo, hi in sides])
-        found = max(found, -answer.fun if answer.status == 0 else 0.0)
-    return found
+        if answer.status == 0 and -answer.fun > 1e-7:
+            return True
+    return False
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_box_meets_a_nullspace_iff_a_linear_program_says_so(seed: int):
     r, found = random.Random(seed), {True: 0, False: 0}
-    for _ in range(60):
+    for _ in range(30):
         m = r.randint(1, 5)
         M = tuple(tuple(Fraction(r.choice((0, 0, 0, 1, -1, 2, -3))) for _ in range(m)) for _ in range(r.randint(0, m)))
         sides = []
@@ -127,9 +132,16 @@ def test_a_box_meets_a_nullspace_iff_a_linear_program_says_so(seed: int):
         if v is not None:
             assert any(v) and all(lo <= x <= hi for x, (lo, hi) in zip(v, sides, strict=True))
             assert all(sum(a * x for a, x in zip(row, v, strict=True)) == 0 for row in M)
-        assert (v is not None) is (largest_by_scipy(M, sides) > 1e-7) is free_shift_by_checker(M, sides)
+        assert (v is not None) is is_met_for_scipy(M, sides) is free_shift_by_checker(M, sides)
         found[v is not None] += 1
-    assert min(found.values()) > 10
+    assert min(found.values()) > 5
+
+
+def test_a_box_with_an_empty_side_meets_nothing():
+    whole, empty = (Fraction(-1), Fraction(1)), (Fraction(1), Fraction(0))
+    for M in ((), ((Fraction(0), Fraction(0)),)):
+        assert find_in_nullspace(M, [whole, whole]) is not None and free_shift_by_checker(M, [whole, whole])
+        assert find_in_nullspace(M, [whole, empty]) is None and not free_shift_by_checker(M, [whole, empty])
 
 
 # --- disagreement -----------------------------------------------------------------------------------------------------
@@ -166,7 +178,7 @@ def test_what_the_second_program_refuses_is_not_written(which: str, disturbed, m
 @pytest.mark.parametrize("said", ["the row of agent 1 is not shown", "it is refuted here"])
 def test_a_limit_of_the_second_program_is_told_from_a_contradiction(said: str, monkeypatch: pytest.MonkeyPatch):
     problem, _ = CASES["list"]
-    claims = certify(problem).claims
+    claims = certified(problem).claims
     monkeypatch.setattr(rechecks.checker, "examine", lambda *_: [(i < 3, said) for i in range(4 + len(claims.checks))])
     reasons = {check.reason for check in rechecks.agreed(claims, problem).checks}
     assert all(
@@ -187,7 +199,11 @@ def test_a_problem_that_the_second_program_cannot_read_has_no_proof(monkeypatch:
 @pytest.fixture(scope="module")
 def stuck():
     problem, _ = CASES["max(y, 0)"]
-    return problem, certify(problem).claims
+    claims, check = consensus_claims(problem), equilibrium_check(problem)
+    assert check is not None
+    checks = (*claims.checks, check)
+    overall = decide_overall(problem, checks, claims.W)
+    return problem, replace(claims, checks=checks, verdict=overall.verdict, reason=overall.reason)
 
 
 @pytest.mark.parametrize("point", [("0", "1/2"), ("0", "-1/2"), ("1/100", "1/2"), ("0", "0"), ("0", "9/10")])
@@ -206,7 +222,7 @@ def test_a_point_is_confirmed_iff_it_is_an_equilibrium_in_the_region(point: tupl
 
 @pytest.fixture(scope="module")
 def made() -> bytes:
-    return certificate_bytes(certify(CASES["list"][0]).claims)
+    return certificate_bytes(certified(CASES["list"][0]).claims)
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from campaigns import outside_campaign
-from certified import certified
+from certified import consensus_claims
 from exact_oracle import Oracle
 from linked import linked
 from regions import without_region
 
-from dobc_design import Exosystem, Observer, Verdict, certify, load_problem, verify
+from dobc_design import Certificate, Exosystem, Observer, Verdict, certify, load_problem, verify
 from dobc_design.conditions.consensus.claim import Pair, PairFacts
 from dobc_design.conditions.consensus.decide import schur_block
 from dobc_design.conditions.consensus.propose import Top
@@ -52,11 +52,11 @@ def nonsense(statements):
 def test_no_and_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch, estimates, name):
     """Everything from floating point is a proposal: nonsense in, the same verdicts out, and they are confirmed."""
     problem = without_region(name)
-    before = [(check.id, check.mode, check.verdict) for check in certify(problem).checks]
+    before = [(check.id, check.mode, check.verdict) for check in consensus_claims(problem).checks]
     monkeypatch.setattr("dobc_design.conditions.consensus.propose.lambda_tops", estimates)
-    certificate = certify(problem)
-    assert [(check.id, check.mode, check.verdict) for check in certificate.checks] == before
-    assert verify(certificate, problem).holds
+    claims = consensus_claims.__wrapped__(problem)  # the others are remembered
+    assert [(check.id, check.mode, check.verdict) for check in claims.checks] == before
+    assert verify(claims, problem).holds
 
 
 PRINTED_P = [["1/2", "-1/4"], ["-1/4", "1/3"]]
@@ -70,6 +70,11 @@ def cycle(gains, *, n=10, factor=1):
     P = [[number_text(factor * Fraction(x)) for x in row] for row in PRINTED_P]
     observer = Observer(W=PRINTED_W, P=P)
     return linked(arcs, n, coupling="exp(y) - 1 + y", target=1, gains=gains, exosystem=HARMONIC, observer=observer)
+
+
+def consensus(problem):
+    """The certificate of network, observer, theorems and linearisation alone."""
+    return Certificate(problem=problem, claims=consensus_claims(problem))
 
 
 def lambda_max(problem, mode="G"):
@@ -90,7 +95,7 @@ def lambda_max(problem, mode="G"):
 def test_the_table_of_the_directed_ten_cycle(gains, top, printed):
     """lambda_max(Lambda) at e = 0, and whether the printed P proves it: iff lambda_max < -9/8."""
     problem = cycle(gains)
-    certificate = certify(problem)
+    certificate = consensus(problem)
     assert lambda_max(problem) == pytest.approx(top, abs=6e-5)
     lemma, theorem = certificate.check("lemma1"), certificate.check("theorem1")
     assert lemma.verdict is theorem.verdict is certificate.verdict is Verdict.PROVED
@@ -101,13 +106,13 @@ def test_the_table_of_the_directed_ten_cycle(gains, top, printed):
     assert found.exact["S"] == [["9/8"]]
     assert found.exact["Q"] == [["1"], ["0"]]
     assert verify(certificate, problem).holds
-    twice = certify(cycle(gains, factor=2)).check("theorem1-printed")  # its bound is -9/16
+    twice = consensus(cycle(gains, factor=2)).check("theorem1-printed")  # its bound is -9/16
     assert twice.verdict is (Verdict.PROVED if top < -9 / 16 else Verdict.REFUTED)
 
 
 def test_printed_p_is_refuted_at_the_boundary_gain_and_proved_just_above_it():
     """All pinned: lambda_max = -2 k, so k = 9/16 makes Psi singular."""
-    at, above = certify(cycle("9/16")), certify(cycle(Fraction(9, 16) + Fraction(1, 10**12)))
+    at, above = consensus(cycle("9/16")), consensus(cycle(Fraction(9, 16) + Fraction(1, 10**12)))
     assert at.check("theorem1-printed").verdict is Verdict.REFUTED
     assert at.check("theorem1-printed").margin == 0.0
     assert above.check("theorem1-printed").verdict is Verdict.PROVED
@@ -118,7 +123,7 @@ def test_printed_p_is_refuted_at_the_boundary_gain_and_proved_just_above_it():
 def test_nobody_pinned_is_refuted_by_the_vector_that_moves_everybody_alike():
     """Lambda 1 = 0: witness v = 1, lambda_max = 0 and consensus fails."""
     problem = cycle(None)
-    certificate = certify(problem)
+    certificate = consensus(problem)
     assert certificate.verdict is Verdict.REFUTED
     for id in ("lemma1", "theorem1"):
         check = certificate.check(id)
@@ -144,7 +149,7 @@ def test_stand_in_modes_have_the_stated_eigenvalues_and_theorem_2_needs_a_scaled
     problem = load_problem("paper-switching")
     tops = [lambda_max(problem, mode) for mode in problem.network.modes]
     assert tops == pytest.approx([-0.582300, -0.924166, -1.055728, -1.055728], abs=1e-6)
-    certificate = certified("paper-switching")
+    certificate = consensus(without_region("paper-switching"))
     assert certificate.check("theorem2-printed").verdict is Verdict.REFUTED
     assert certificate.check("theorem2").verdict is certificate.verdict is Verdict.PROVED
     assert [check.verdict for check in certificate.checks if check.id == "lemma1"] == [Verdict.PROVED] * 4
@@ -170,4 +175,4 @@ def test_undetectable_pairs_refute_the_theorem_and_leave_the_whole_undecided(A, 
 def test_the_printed_pair_on_other_numbers_of_agents_has_the_same_bound():
     """The bound is a fact of (A, C, W, P): n does not enter it."""
     for n in (1, 2, 25):
-        assert certify(cycle(1, n=n)).check("theorem1-printed").exact["bound"] == "-9/8"
+        assert consensus(cycle(1, n=n)).check("theorem1-printed").exact["bound"] == "-9/8"

@@ -4,11 +4,11 @@ import re
 from fractions import Fraction
 
 import pytest
-from cured import cured, theorem_holds
+from cured import cured, theorem_holds, with_cures
 from linked import linked
 from regions import without_region
 
-from dobc_design import Exosystem, Observer, Verdict, certify
+from dobc_design import Exosystem, Observer, Verdict
 from dobc_design.conditions.check import main_cure
 from dobc_design.conditions.consensus import cures
 from dobc_design.problem.changes import changed_problem
@@ -42,7 +42,7 @@ def with_minimum(problem, fix, part=1):
 def test_the_ten_cycle_without_pins_is_cured_by_any_one_pin():
     """Every gain > 0 does.  The fastest rate is 2, but half of it, and a quarter, take more gain than any agent has."""
     problem, stages = cycle(10, exosystem=HARMONIC), []
-    fix = main_cure(certify(problem, progress=stages.append).checks).fix
+    fix = main_cure(with_cures(problem, progress=stages.append).checks).fix
     assert "looking for a cure" in stages and any("tried" in stage for stage in stages)
     assert list(gains_of(fix)) == ["1"]
     assert "Any other agent would do as well." in fix.text
@@ -58,7 +58,7 @@ def test_the_ten_cycle_without_pins_is_cured_by_any_one_pin():
 def test_a_chain_pinned_at_the_wrong_end_gets_a_pin_at_the_other():
     """1 hears 2 hears 3: nothing on 1 and 2 helps; the gains that are there stay."""
     problem = linked([[1, 2], [2, 3]], gains={1: 5}, exosystem=HARMONIC)
-    certificate = certify(problem)
+    certificate = with_cures(problem)
     fix = main_cure(certificate.checks).fix
     assert gains_of(fix)["1"] == 5
     assert list(gains_of(fix)) == ["1", "3"]
@@ -74,7 +74,7 @@ def test_a_chain_pinned_at_the_wrong_end_gets_a_pin_at_the_other():
 
 def test_two_closed_groups_get_a_pin_each():
     problem = linked([[1, 2], [2, 1], [3, 4], [4, 3], [5, 1], [5, 3]], gains={5: 5})
-    fix = main_cure(certify(problem).checks).fix
+    fix = main_cure(with_cures(problem).checks).fix
     added = set(gains_of(fix)) - {"5"}
     assert len(added & {"1", "2"}) == len(added & {"3", "4"}) == 1
     assert len(added) == 2
@@ -84,14 +84,36 @@ def test_two_closed_groups_get_a_pin_each():
         assert not theorem_holds(changed_problem(problem, {"pinning.gains": gains_of(fix) | {label: 0}}))
 
 
+def test_agents_out_of_reach_in_one_mode_get_a_pin_each_with_a_gain_of_its_own():
+    """Mode a: 3 hears 2; mode b: 2 hears the pinned 1."""
+    problem = linked({"a": [[3, 2]], "b": [[2, 1]]}, gains={1: 1})
+    fix = main_cure(with_cures(problem).checks).fix
+    gains = gains_of(fix)
+    assert set(gains) == {"1", "2", "3"} and gains["1"] == 1 and gains["2"] != gains["3"]
+    assert fix.text.startswith("Pin agents 3 and 2 as well, with k = 0.5 for agent 3 and k = 0.75 for agent 2")
+    assert "Recommended: half of the maximum decay rate. Smaller gains do as well." in fix.text
+    assert theorem_holds(cured(problem, fix.set))
+    for label in ("2", "3"):
+        assert not theorem_holds(changed_problem(problem, {"pinning.gains": gains | {label: 0}}))
+
+
+def test_one_other_agent_that_would_do_as_well_is_named():
+    problem = linked([[1, 2], [2, 1], [3, 4], [4, 3]], gains={1: 1})
+    fix = main_cure(with_cures(problem).checks).fix
+    assert "Pin agent 3 as well" in fix.text and "Agent 4 would do as well." in fix.text
+    assert theorem_holds(cured(problem, fix.set))
+    assert theorem_holds(changed_problem(problem, {"pinning.gains": {"1": 1, "4": gains_of(fix)["3"]}}))
+    assert not theorem_holds(problem)
+
+
 def test_lemma_1_refuted_is_no_alarm_where_weights_prove_the_theorem():
     """1 hears 2 with weight 3, and only 2 is pinned: Lambda < 0 iff 12 k > 9, but M is triangular."""
     problem = linked([[1, 2, 3]], gains={2: "1/2"}, exosystem=HARMONIC)
-    certificate = certify(problem)
+    certificate = with_cures(problem)
     assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "theorem1-weighted")
     assert certificate.check("lemma1").verdict is Verdict.REFUTED
     assert all(check.fix is None for check in certificate.checks)
-    twin = certify(linked([[1, 2, 3]], gains={2: 0}, exosystem=HARMONIC))
+    twin = with_cures(linked([[1, 2, 3]], gains={2: 0}, exosystem=HARMONIC))
     assert twin.verdict is not Verdict.PROVED and twin.check("lemma1").fix is not None
 
 
@@ -100,7 +122,7 @@ def test_too_small_gains_on_the_present_pins_are_raised_to_the_least_that_do():
     weights do not help."""
     modes = {"A": [[1, 2, 3]], "B": [[2, 1, 3]]}
     problem = linked(modes, gains={1: "1/10", 2: "1/10"}, exosystem=HARMONIC)
-    certificate = certify(problem)
+    certificate = with_cures(problem)
     assert certificate.check("theorem2").verdict is Verdict.REFUTED
     fix = main_cure(certificate.checks).fix
     assert theorem_holds(cured(problem, fix.set))
@@ -113,15 +135,15 @@ def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
     """For V = e'e k = 1 on agent 1, or (3 + k) (1 + k) = 4 on both."""
     modes = {"A": [[1, 2, 3], [2, 1]], "B": [[1, 2], [2, 1, 3]]}
     problem = linked(modes, gains={1: "1/99"})
-    fix = main_cure(certify(problem).checks).fix
+    fix = main_cure(with_cures(problem).checks).fix
     assert list(gains_of(fix)) == ["1"]
     assert "Also possible, with a pin on agent 2" in fix.text
     assert theorem_holds(cured(problem, fix.set))
     assert theorem_holds(with_minimum(problem, fix))
-    assert certify(with_minimum(problem, fix, Fraction(97, 100))).check("lemma1", "A").verdict is not Verdict.PROVED
+    assert with_cures(with_minimum(problem, fix, Fraction(97, 100))).check("lemma1", "A").verdict is not Verdict.PROVED
     # matrix gains that leave a direction free are cured by gains that are numbers
     problem = linked([[1, 2], [2, 1]], target=[0, 0], gains={1: [[1, 0], [0, 0]]})
-    fix = main_cure(certify(problem).checks).fix
+    fix = main_cure(with_cures(problem).checks).fix
     assert list(gains_of(fix)) == ["1"]
     assert theorem_holds(cured(problem, fix.set))
 
@@ -129,7 +151,7 @@ def test_a_cheaper_cure_with_another_pin_is_named_beside_the_present_pins():
 @pytest.mark.parametrize("exosystem", [Exosystem(A=[[0]], C=[[0]]), TWO_OSCILLATORS])
 def test_an_undetectable_pair_is_cured_by_its_observable_part(exosystem):
     problem = linked([[1, 2], [2, 1]], gains=1, exosystem=exosystem)
-    certificate = certify(problem)
+    certificate = with_cures(problem)
     fix = main_cure(certificate.checks).fix
     assert fix.kind == "exosystem"
     assert certificate.check("theorem1").fix == fix
@@ -141,7 +163,7 @@ def test_an_exosystem_that_is_not_seen_at_all_takes_everything_about_it_along():
     region = {"initial_states": [0, 5], "initial_disturbance": 1}
     given = {"exosystem": Exosystem(A=[[1]], C=[[0], [0]]), "observer": Observer(rate=1), "region": region}
     problem = linked([[1, 2], [2, 1]], gains=1, simulation={"xi0": [1]}, target=[1, 2], **given)
-    fix = main_cure(certify(problem).checks).fix
+    fix = main_cure(with_cures(problem).checks).fix
     whole = cured(problem, fix.set)
     assert (whole.exosystem, whole.m, whole.target) == (None, 2, (1, 2))
     assert theorem_holds(whole)
@@ -149,7 +171,7 @@ def test_an_exosystem_that_is_not_seen_at_all_takes_everything_about_it_along():
 
 def test_a_gain_w_that_does_not_decay_is_replaced_by_one_that_does():
     problem = cycle(4, gains=1, exosystem=HARMONIC, observer=Observer(W=[[-1], [0]], P=[[1, 0], [0, 1]]))
-    certificate = certify(problem)
+    certificate = with_cures(problem)
     assert certificate.check("hurwitz").witness.kind == "routh_row"
     fix = certificate.check("hurwitz").fix
     assert set(fix.set) == {"observer.W", "observer.P"}
@@ -160,7 +182,7 @@ def test_a_gain_w_that_does_not_decay_is_replaced_by_one_that_does():
 
 def test_several_causes_are_cured_together_for_the_theorem_and_one_by_one_for_the_checks():
     problem = cycle(4, exosystem=TWO_OSCILLATORS, observer=Observer(W=[[-9], [0], [0], [0]]))
-    certificate = certify(problem)
+    certificate = with_cures(problem)
     fix = certificate.check("theorem1").fix
     assert fix.kind == "several"
     assert set(fix.set) == {"exosystem.A", "exosystem.C", "observer.W", "pinning.gains"}
@@ -172,29 +194,29 @@ def test_several_causes_are_cured_together_for_the_theorem_and_one_by_one_for_th
 def test_the_printed_p_is_multiplied_by_the_least_factor_that_does():
     """lambda_max(Lambda) = -0.5823 and the bound is -9/(8 a): a > 1.932."""
     problem = without_region("paper-fixed")
-    fix = certify(problem).check("theorem1-printed").fix
+    fix = with_cures(problem).check("theorem1-printed").fix
     factor = Fraction(str(fix.set["observer.P"][0][0])) / Fraction(1, 2)
     assert Fraction("1.931") < factor <= Fraction("1.95")
-    assert certify(cured(problem, fix.set)).check("theorem1-printed").verdict is Verdict.PROVED
+    assert with_cures(cured(problem, fix.set)).check("theorem1-printed").verdict is Verdict.PROVED
     less = [[str(Fraction("1.93") * Fraction(x)) for x in row] for row in (["1/2", "-1/4"], ["-1/4", "1/3"])]
     twin = changed_problem(problem, {"observer.P": less})
-    assert certify(twin).check("theorem1-printed").verdict is Verdict.REFUTED
+    assert with_cures(twin).check("theorem1-printed").verdict is Verdict.REFUTED
 
 
 def test_a_printed_p_that_is_no_lyapunov_matrix_is_replaced_by_the_one_that_was_found():
     problem = changed_problem(without_region("paper-fixed"), {"observer.P": [[1, 0], [0, -1]]})
-    fix = certify(problem).check("theorem1-printed").fix
-    assert certify(cured(problem, fix.set)).check("theorem1-printed").verdict is Verdict.PROVED
+    fix = with_cures(problem).check("theorem1-printed").fix
+    assert with_cures(cured(problem, fix.set)).check("theorem1-printed").verdict is Verdict.PROVED
 
 
 def test_what_holds_and_kinked_couplings_get_no_cure_and_a_library_that_breaks_down_costs_it_alone(monkeypatch):
-    assert main_cure(certify(cycle(4, gains=1, exosystem=HARMONIC)).checks) is None
-    assert main_cure(certify(cycle(4, coupling="clip(y, -1, 1)")).checks) is None
+    assert main_cure(with_cures(cycle(4, gains=1, exosystem=HARMONIC)).checks) is None
+    assert main_cure(with_cures(cycle(4, coupling="clip(y, -1, 1)")).checks) is None
 
     def broken(*args, **kwargs):
         raise ValueError("no convergence")
 
     monkeypatch.setattr(cures, "network_blocks", broken)
-    certificate = certify(cycle(4))
+    certificate = with_cures(cycle(4))
     assert certificate.verdict is Verdict.REFUTED
     assert certificate.check("lemma1").fix is None

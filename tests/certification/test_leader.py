@@ -100,11 +100,14 @@ def test_a_linear_leader_leaves_the_claims_of_a_constant_target():
 
 
 def test_why_nothing_is_proved_is_said():
-    reasons = {name: certified(name).check("lure").reason for name in ("no box", "let go")}
-    assert reasons["no box"].startswith("does not apply: [leader] stays_in is not shown to be invariant")
-    assert "no quadratic V" in reasons["let go"]
-    lorenz = Dynamics(f=["10*(x2 - x1)", "28*x1 - x2 - x1*x3", "x1*x2 - 8/3*x3"])
-    lost = certify(spiking(99, dynamics=lorenz, leader={"initial": [1, 1, 1]})).check("lure")
+    no_box = certified("no box").check("lure").reason
+    assert no_box.startswith("does not apply: [leader] stays_in is not shown to be invariant")
+    alone = Network.from_arcs([], arrow="listens_to", agents=1)
+    cubic = {"dynamics": Dynamics(f=["x - x**3"]), "leader": {"initial": 0, "stays_in": [-1, 1]}}
+    let_go = certify(spiking("9/10", network=alone, **cubic))  # where |s| < 1/6 the error grows
+    assert let_go.verdict is UNDECIDED and "no quadratic V" in let_go.check("lure").reason
+    undamped = Dynamics(f=["x2", "-x1 - x1**3"])
+    lost = certify(spiking(99, network=alone, dynamics=undamped, leader={"initial": [1, 1]})).check("lure")
     assert "could not be enclosed in a box; give [leader] stays_in" in lost.reason
 
 
@@ -152,8 +155,8 @@ def test_a_box_is_found_in_which_solutions_stay():
     assert box is not None
     assert not list(open_faces(SPIKES, box))
     low, high = np.array([[float(side.lo), float(side.hi)] for side in box]).T
-    for start in np.random.default_rng(0).uniform(low, high, (20, 2)):
-        states = solve_ivp(flow, (0, 60), start, rtol=1e-9).y.T
+    for start in np.random.default_rng(0).uniform(low, high, (8, 2)):
+        states = solve_ivp(flow, (0, 40), start, rtol=1e-9).y.T
         assert (states >= low - 1e-6).all() and (states <= high + 1e-6).all()
     given = Leader(initial=leader.initial, stays_in=tuple((side.lo, side.hi) for side in box))
     assert enclosure(SPIKES, given) == box
@@ -214,7 +217,7 @@ def test_other_claims_beside_the_problem_with_another_leader_fail():
 @pytest.mark.parametrize("problem", [oscillators(**SEEN), spiking(4)], ids=["linear", "nonlinear"])
 def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem: Problem):
     """x, xi, xihat and s by SciPy, x' = A x or f(x) plus B (h + u + d), u = -K (x - s) - dhat."""
-    run, own, n = simulate(problem, t_final=12, samples=25, seed=3), problem.dynamics, problem.n
+    run, own, n = simulate(problem, t_final=6, samples=13, seed=3), problem.dynamics, problem.n
     assert own is not None
     B = np.array(own.B, dtype=float)
     A = np.zeros((2, 2)) if own.A is None else np.array(own.A, dtype=float)
@@ -236,11 +239,11 @@ def test_runs_are_those_of_the_whole_loop_and_stay_below_what_is_proved(problem:
 
     start = [run.x[0], run.xi[0], run.xi[0] - run.xihat[0], run.leader[0]]
     whole = solve_ivp(
-        slope, (0, 12), np.concatenate([each.ravel() for each in start]), t_eval=run.times, rtol=1e-10, atol=1e-12
+        slope, (0, 6), np.concatenate([each.ravel() for each in start]), t_eval=run.times, rtol=1e-10, atol=1e-12
     )
     assert np.abs(whole.y[: 2 * n].T.reshape(-1, n, 2) - run.x).max() < 1e-7
     assert np.abs(whole.y[-2:].T - run.leader).max() < 1e-7
-    many = simulate(problem, runs=2, t_final=12, samples=25, seed=3)
+    many = simulate(problem, runs=2, t_final=6, samples=13, seed=3)
     assert np.abs(many.states[0] - run.x).max() < 1e-7 and np.abs(many.leader[0] - run.leader).max() < 1e-7
     assert run.error()[-1] < run.error()[0] / 2 and abs(run.leader[-1]).max() > 0.1
 

@@ -4,10 +4,11 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from certified import consensus_claims
 from linked import linked
 from regions import at_the_consensus
 
-from dobc_design import Check, Exosystem, Observer, Verdict, certify, verify
+from dobc_design import Certificate, Check, Exosystem, Observer, Verdict, certify, verify
 from dobc_design.certification.overall import decide_overall
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.coverage import asked_radius, covers
@@ -21,17 +22,25 @@ def problem(arcs=PAIR, h="y", gains=1, **more):
     return linked(arcs, coupling=h, gains=gains, **more)
 
 
+def consensus(each):
+    """The certificate of network, observer, theorems and linearisation alone."""
+    return Certificate(problem=each, claims=consensus_claims(each))
+
+
 def verdict(*args, **more):
+    """The verdict from these."""
+    each = problem(*args, **more)
+    claims = consensus_claims(each)
+    assert verify(claims, each).holds
+    return claims.verdict
+
+
+def searched(*args, **more):
+    """The verdict once proofs for the region were looked for as well."""
     each = problem(*args, **more)
     certificate = certify(each)
     assert verify(certificate, each).holds
     return certificate.verdict
-
-
-def near(*args, **more):
-    """The verdict from what is proved near the target alone."""
-    each = problem(*args, **more)
-    return decide_overall(each, at_the_consensus(certify(each).checks), None).verdict
 
 
 def region(lo, hi, disturbance=None):
@@ -39,13 +48,13 @@ def region(lo, hi, disturbance=None):
 
 
 def test_lemma_1_takes_the_place_of_theorem_1_without_an_exosystem():
-    certificate = certify(problem())
+    certificate = consensus(problem())
     assert (certificate.verdict, certificate.covered_by) == (PROVED, "lemma1")
     # with one it proves nothing alone: W given and bad
-    certificate = certify(problem(exosystem=CONSTANT, observer=Observer(W=[[-1]])))
+    certificate = consensus(problem(exosystem=CONSTANT, observer=Observer(W=[[-1]])))
     assert certificate.check("lemma1").verdict is PROVED
     assert certificate.verdict is REFUTED
-    certificate = certify(problem(exosystem=CONSTANT, observer=Observer(W=[[1]])))
+    certificate = consensus(problem(exosystem=CONSTANT, observer=Observer(W=[[1]])))
     assert certificate.covered_by == "theorem1-weighted"  # at a better rate than theorem1, which is proved as well
     assert certificate.check("theorem1").verdict is PROVED
 
@@ -53,22 +62,22 @@ def test_lemma_1_takes_the_place_of_theorem_1_without_an_exosystem():
 def test_lemma_1_has_to_hold_in_every_mode_and_the_slowest_speaks():
     """One V = e'e for all modes, at the rate of the slowest; one V = e'De is faster; a mode that fails spoils e'e."""
     two = {"a": PAIR, "b": [[1, 2]]}
-    certificate = certify(problem(two, gains={1: 2, 2: 2}))
+    certificate = consensus(problem(two, gains={1: 2, 2: 2}))
     assert certificate.verdict is PROVED
     plain = min(c.rate for c in certificate.checks if c.id == "lemma1")
     assert certificate.covered_by == "theorem2-weighted"
     assert plain < certificate.rate <= 2  # the eigenvalues are 2 and 4, 2 and 3
     failing = problem({"a": PAIR, "b": [[1, 2, 50]]}, gains=1)
-    assert [c.verdict for c in certify(failing).checks if c.id == "lemma1"] == [PROVED, REFUTED]
-    assert certify(failing).covered_by == "theorem2-weighted"
+    assert [c.verdict for c in consensus(failing).checks if c.id == "lemma1"] == [PROVED, REFUTED]
+    assert consensus(failing).covered_by == "theorem2-weighted"
 
 
 def test_a_local_proof_never_covers_a_region():
     """Domain "consensus" names no radius, however small the region; only proofs for the region do."""
     assert verdict(h="tanh(y)") is PROVED
     for asked in (region(-1, 1), region("-1/1000000", "1/1000000"), region(0, 0)):
-        assert near(h="tanh(y)", region=asked) is UNDECIDED
-        assert verdict(h="tanh(y)", region=asked) is PROVED
+        assert verdict(h="tanh(y)", region=asked) is UNDECIDED
+        assert searched(h="tanh(y)", region=asked) is PROVED
 
 
 def test_a_global_proof_covers_every_region():
@@ -77,7 +86,7 @@ def test_a_global_proof_covers_every_region():
     assert verdict(h="y*exp(1)", region=region(0, 5)) is PROVED
     assert verdict(exosystem=CONSTANT, region=region(0, 5, 100)) is PROVED
     assert verdict(exceptions={(0, 1): "sin(y)"}) is PROVED
-    assert near(exceptions={(0, 1): "sin(y)"}, region=region(0, 1)) is UNDECIDED
+    assert verdict(exceptions={(0, 1): "sin(y)"}, region=region(0, 1)) is UNDECIDED
 
 
 def made_up(domain, **more):
@@ -130,23 +139,23 @@ def test_agents_out_of_reach_in_one_mode_only_leave_the_whole_undecided():
     """Mode a: 3 hears 2; mode b: 2 hears the pinned 1. In alternation they converge."""
     modes = {"a": [[3, 2]], "b": [[2, 1]]}
     asked = problem(modes, gains={1: 1})
-    certificate = certify(asked)
+    certificate = consensus(asked)
     assert certificate.verdict is UNDECIDED
     silent = [replace(check, reason="") for check in certificate.checks]  # texts never decide
     assert decide_overall(asked, silent, None).verdict is UNDECIDED
     assert certificate.check("reachability", "a").verdict is certificate.check("reachability", "b").verdict is REFUTED
     assert verdict({"a": [[3, 2]]}, gains={3: 1}) is REFUTED  # 2 is heard, but hears nobody
-    assert certify(linked([], 1, gains=1)).verdict is PROVED
-    assert certify(linked([], 1)).verdict is REFUTED
+    assert consensus(linked([], 1, gains=1)).verdict is PROVED
+    assert consensus(linked([], 1)).verdict is REFUTED
 
 
 def test_agents_out_of_reach_refute_a_region_only_if_it_lets_them_start_apart():
     """e_S = c needs one c != 0 that every agent of S may start with."""
     assert verdict(gains=None, region=region(0, 5)) is REFUTED
-    assert verdict(gains=None, target=1, region=region(1, 1)) is UNDECIDED  # they start at the target
+    assert searched(gains=None, target=1, region=region(1, 1)) is UNDECIDED  # they start at the target
     assert verdict(gains=None, target=1, region=region(2, 2)) is REFUTED
     # With offsets 0 and 3 and starts in [0, 1] the agents cannot be apart by one common c.
-    assert verdict(gains=None, offsets={2: 3}, region=region(0, 1)) is UNDECIDED
+    assert searched(gains=None, offsets={2: 3}, region=region(0, 1)) is UNDECIDED
     assert verdict(gains=None, offsets={2: "1/2"}, region=region(0, 1)) is REFUTED
 
 
@@ -177,8 +186,8 @@ def test_an_unstable_linearisation_refutes_and_enough_pinning_cures_it():
     assert verdict(h="-sin(y)", gains="1/2") is REFUTED
     # one mode among several is enough: all the time in it is allowed
     modes = {"good": [], "bad": PAIR, "other": [[1, 2]]}
-    assert certify(linked(modes, coupling="-y", gains="1/2")).verdict is REFUTED
-    assert certify(linked({"good": [], "other": []}, 2, coupling="-y", gains="1/2")).verdict is PROVED
+    assert consensus(linked(modes, coupling="-y", gains="1/2")).verdict is REFUTED
+    assert consensus(linked({"good": [], "other": []}, 2, coupling="-y", gains="1/2")).verdict is PROVED
     # it is about starts near the target
     assert verdict(h="-y", gains="1/2", region=region(-1, 1)) is REFUTED
     assert verdict(h="-y", gains="1/2", region=region(1, 2)) is UNDECIDED
@@ -194,7 +203,7 @@ def test_instability_is_believed_of_a_refuted_lemma_only(kind):
     """A certificate that says "unstable_roots" anywhere else must not turn the verdict."""
     asked = problem(h="tanh(y)", region=region(-1, 1))
     bent = {"claim": Unstable(roots=1), "verdict": kind}
-    checks = [replace(c, **bent) if c.id == "lemma1" else c for c in at_the_consensus(certify(asked).checks)]
+    checks = [replace(c, **bent) if c.id == "lemma1" else c for c in at_the_consensus(consensus(asked).checks)]
     assert decide_overall(asked, checks, None).verdict is UNDECIDED
 
 
@@ -203,7 +212,7 @@ def test_a_gain_that_leaves_a_direction_free_refutes_and_a_skew_one_does_not():
     for gain in ([[1, 0], [0, 0]], [[1, -1], [-1, 1]]):
         assert verdict(gains={1: gain}, target=[0, 0]) is REFUTED
     assert verdict(gains={1: [[1, 0], [0, 0]], 2: [[0, 0], [0, 1]]}, target=[0, 0]) is not REFUTED
-    assert verdict(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is PROVED  # by lure: e stays in no kernel of k
+    assert searched(gains={1: [[0, 1], [-1, 0]]}, target=[0, 0]) is PROVED  # by lure: e stays in no kernel of k
     # a region only if it can be started along
     free = {1: [[1, 0], [0, 0]]}
     assert verdict(gains=free, target=[0, 0], region={"initial_states": [[-1, 1], [-1, 1]]}) is REFUTED

@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import pytest
 from campaigns import a_problem, mutant_campaign
+from certified import consensus_claims
 from linked import linked
 from regions import without_region
 
@@ -47,7 +48,7 @@ def paper():
 def test_unstable_roots_cannot_be_slipped_into_another_check(verdict):
     """A proved or undecided Lemma 1 with "unstable_roots" must not make the whole refuted."""
     problem = pair(coupling="tanh(y)", gains={1: 1}, region={"initial_states": [-1, 1]})
-    certificate = certify(problem)
+    certificate = Certificate(problem=problem, claims=consensus_claims(problem))
     numbers = {} if verdict is PROVED else {"margin": None, "rate": None}
     unstable = {"verdict": verdict, "claim": Values({"unstable_roots": "1"})} | numbers
     claims = bent(certificate, "lemma1", overall=REFUTED, **unstable)

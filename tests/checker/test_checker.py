@@ -7,11 +7,11 @@ import os
 
 import checker_cases
 import pytest
-from certified import certified
+from certified import certified, consensus_claims
 from checker_cases import FAILS, NOTHING, OPEN, UNREADABLE, alone, bend, cases
 from region_oracle import Regions
 
-from dobc_design import Network, Problem, Verdict, certify, verify
+from dobc_design import Network, Problem, Verdict, verify
 from dobc_design.certificate.text import certificate_bytes, certificate_document
 from dobc_design.certification.recheck import recheck, verify_twice
 from dobc_design.checker import examine as checker
@@ -24,7 +24,13 @@ from dobc_design.problem.load import builtin_names, load_problem
 PAPER_W, PAPER_P = [["16/5"], ["12/5"]], [["1/2", "-1/4"], ["-1/4", "1/3"]]
 
 
-@pytest.mark.parametrize("name", builtin_names())
+#: It takes seconds to certify and to check.
+LONG = "neurons"
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == LONG else name for name in builtin_names()]
+)
 def test_a_built_in_problem_is_certified_and_confirmed_by_both_programs(tmp_path, name):
     """The paper's own starts [0, 5] for arbitrary switching; regions also by an oracle that shares no code."""
     problem = load_problem(name)
@@ -71,7 +77,7 @@ def test_what_is_missing_or_no_regular_file_is_unreadable_at_once(tmp_path, caps
 def test_the_output_cannot_steer_a_terminal(capsys, tmp_path):
     """A mode may have any name that a problem file can hold."""
     problem = Problem(network=Network.from_arcs({"\u00e9": [[1, 2]]}, arrow="listens_to"), coupling="y", gains=1)
-    document = json.loads(certificate_bytes(certify(problem).claims)) | {"verdict": "\x1b[31m"}
+    document = json.loads(certificate_bytes(consensus_claims(problem))) | {"verdict": "\x1b[31m"}
     (tmp_path / "c").write_text(json.dumps(document), "utf-8")
     (tmp_path / "p").write_bytes(canonical_bytes(problem))
     assert main([str(tmp_path / "c"), str(tmp_path / "p")]) == 1

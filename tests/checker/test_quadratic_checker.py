@@ -9,6 +9,7 @@ import pytest
 from checker_cases import accepted_by
 from lure_cases import HARMONIC, PAPER_GAIN
 from mutants import mutate
+from region_cases import CUBIC, certificate, problems
 
 from dobc_design import Network, Observer, Problem, Region, certify
 from dobc_design.certificate.text import certificate_bytes
@@ -54,20 +55,9 @@ def ring(n: int, *, coupling: str, gains: object, s: Fraction | None = None) -> 
     return Problem(network=network, coupling=coupling, gains=gains, target=0, region=region, **observed)
 
 
-@pytest.mark.parametrize(
-    ("problem", "count"),
-    [
-        (ring(3, coupling="exp(y) - 1 + y", gains=3), 15),
-        pytest.param(ring(3, coupling="exp(y) - 1 + y", gains=3, s=Fraction(1, 10)), 60, marks=pytest.mark.slow),
-    ],
-)
-def test_what_one_program_refuses_the_other_refuses(problem, count):
-    document = json.loads(certificate_bytes(certify(problem).claims))
-    asked = read_region(problem, problem.observer.W, domain="consensus", everything=False)
-    check = json.loads(json.dumps(quadratic_stage(asked, lambda _: None)[0].to_json()))
-    regional = ("max-separable", "delay", "sampling", "lure", "tolerance")
-    document["checks"] = [*(each for each in document["checks"] if each["id"] not in regional), check]
-    document |= {"verdict": "proved", "rate": check["rate"], "covered_by": "lure"}
+def judged_alike(document: dict[str, Any], check: dict[str, Any], problem: Problem, *, count: int) -> None:
+    """Both programs accept the check in the document, and refuse the same of ``count`` changes of it."""
+    document = document | {"checks": [*document["checks"], check]}
     assert accepted_by(document, problem) == (True, True)
     refused = 0
     for seed in range(count):
@@ -80,3 +70,22 @@ def test_what_one_program_refuses_the_other_refuses(problem, count):
         assert package is lone, (seed, changed)
         refused += not package
     assert refused > 0.7 * count
+
+
+def test_what_one_program_refuses_of_a_claim_by_hand_the_other_refuses():
+    document = json.loads(certificate("cubic", CUBIC))
+    document["checks"], check = document["checks"][:-1], document["checks"][-1]
+    judged_alike(document, check, problems()["cubic"], count=20)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("s", "count"), [(None, 15), (Fraction(1, 10), 60)])
+def test_what_one_program_refuses_the_other_refuses(s: Fraction | None, count: int):
+    problem = ring(3, coupling="exp(y) - 1 + y", gains=3, s=s)
+    document = json.loads(certificate_bytes(certify(problem).claims))
+    asked = read_region(problem, problem.observer.W, domain="consensus", everything=False)
+    check = json.loads(json.dumps(quadratic_stage(asked, lambda _: None)[0].to_json()))
+    regional = ("max-separable", "delay", "sampling", "lure", "tolerance")
+    document["checks"] = [each for each in document["checks"] if each["id"] not in regional]
+    document |= {"verdict": "proved", "rate": check["rate"], "covered_by": "lure"}
+    judged_alike(document, check, problem, count=count)

@@ -10,13 +10,14 @@ from types import SimpleNamespace
 
 import mpmath
 import pytest
+from certified import certified, certify_once, consensus_claims
 from checker_cases import FAILS, HOLDS, outcome
 from exact_oracle import Oracle
 from known_regions import equilibrium_campaign, linear_campaign
 from region_campaigns import change_region, region_mutant_campaign, region_problem, region_recheck_campaign
 from region_cases import BENT, PAIR, SINE, certificate, changed, claim, doubles, problems
 
-from dobc_design import Network, Problem, certify
+from dobc_design import Network, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
@@ -29,13 +30,13 @@ from dobc_design.problem.canonical import canonical_bytes
 
 # --- Known answers: the largest alpha by closed forms and by sampling the rows --------------------------------------
 def sampled_rate(h: Callable[[float], float], v: list[float], k: list[float], rho: float) -> float:
-    """The largest alpha of agents in a line, from 200 values of s and suprema over 200 points."""
+    """The largest alpha of agents in a line, from 100 values of s and suprema over 100 points."""
     rates = []
-    for s in (rho * (step + 1) / 200 for step in range(200)):
+    for s in (rho * (step + 1) / 100 for step in range(100)):
         for i, own in enumerate(v):
             for face in (1, -1):
                 low, high = (-s * (own + v[i - 1]), s * (v[i - 1] - own)) if i else (0.0, 0.0)
-                top = max(face * h(face * (low + (high - low) * part / 200)) for part in range(201))
+                top = max(face * h(face * (low + (high - low) * part / 100)) for part in range(101))
                 rates.append(k[i] - top / (s * own))
     return min(rates)
 
@@ -59,7 +60,7 @@ def test_rows_are_accepted_below_the_sampled_rate_and_refused_above(h):
         network=Network.from_arcs([[2, 1], [3, 2]], arrow="listens_to", agents=3), coupling=h, gains={1: 6, 2: 5, 3: 6}
     )
     best = sampled_rate(ROWS[h], v, k, 1.0)
-    frame = json.loads(certificate_bytes(certify(problem).claims))
+    frame = json.loads(certificate_bytes(consensus_claims(problem)))
     for room, code in ((-5e-3, HOLDS), (5e-3, FAILS)):
         alpha = best + room
         check = claim("max-separable", {"kind": "box", "radius": 0.5, "disturbance": 0}, None, exact)
@@ -186,12 +187,19 @@ QUICK = 8  # a seed with a region that max-separable covers, in well under a sec
 FAST_PAIR = 3
 
 
+@pytest.fixture
+def certified_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("region_campaigns.certify", certify_once)
+
+
+@pytest.mark.usefixtures("certified_once")
 def test_a_region_of_a_random_problem_is_confirmed_by_both_checkers_and_the_oracle():
     tally = region_recheck_campaign([QUICK])
     assert not tally.wrong, tally.wrong
     assert tally.counts["max-separable proved"] == 1
 
 
+@pytest.mark.usefixtures("certified_once")
 def test_changed_regional_claims_are_refused_or_true():
     tally = region_mutant_campaign([QUICK], each=15)
     assert not tally.wrong, tally.wrong
@@ -203,7 +211,7 @@ def test_changed_regional_claims_are_refused_or_true():
 def test_a_radius_or_a_rate_that_is_not_positive_is_refused_and_false(name: str, sign: int):
     """A max-separable claim with 0 or less for what has to be above 0."""
     problem = region_problem(QUICK)
-    document = json.loads(certificate_bytes(certify(problem).claims))
+    document = json.loads(certificate_bytes(certified(problem).claims))
     assert recheck(json.dumps(document).encode(), problem).holds
     assert Oracle(problem).false_claims(document) == []
     check = next(each for each in document["checks"] if each["id"] == "max-separable")

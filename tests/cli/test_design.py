@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 
 from dobc_design.errors import CertificateError
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.synthesis import designs
 
 STAR = """\
 # Three followers and their leader.
@@ -33,9 +35,21 @@ P = [[1, 0], [0, 1]]
 """
 
 
+DESIGNED: dict[str, designs.Design] = {}
+
+
+def design_once(problem, *, progress: object = None, design=designs.design, **options):
+    """``design``, of the same problem and options once for all tests here."""
+    key = f"{canonical_bytes(problem)} {sorted(options.items())}"
+    if key not in DESIGNED:
+        DESIGNED[key] = design(problem, **options)
+    return DESIGNED[key]
+
+
 @pytest.fixture
-def dobc(command_line, tmp_path):
+def dobc(command_line, tmp_path, monkeypatch):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.setattr(designs, "design", design_once)
     (tmp_path / "star.toml").write_text(STAR, encoding="utf-8")
     return command_line
 

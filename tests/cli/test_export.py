@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from problem_texts import CHAIN
 
 from dobc_design.export import python_script
 from dobc_design.export.c_folder import FILES
@@ -29,12 +30,13 @@ def test_c_code_is_written_with_what_is_proved_about_it(dobc):
 
 
 def test_a_period_that_is_too_long_is_refused_with_one_that_works_and_nothing_is_written(dobc):
-    code, out, err = dobc("paper-fixed", "--c", "code", "--period", "1")
+    Path("chain.toml").write_text(CHAIN, encoding="utf-8")
+    code, out, err = dobc("chain.toml", "--c", "code", "--period", "1")
     assert (code, out) == (2, "")
     assert "too long" in err
     offered = err.rsplit("--period ", 1)[1].strip().rstrip(".")
     assert not Path("code").exists()
-    assert dobc("paper-fixed", "--c", "code", "--period", offered, "--agent", "1")[0] == 0
+    assert dobc("chain.toml", "--c", "code", "--period", offered, "--agent", "1")[0] == 0
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import re
 import subprocess
 import sys
 import tomllib
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ import bad_files
 import pytest
 import tomlkit
 from bad_files import BAD_FILES, listing, write_case
-from certified import MADE, certify_once
+from certified import certify_once
 from problem_texts import CHAIN
 
 from dobc_design import __version__
@@ -69,12 +68,12 @@ def test_certify_of_a_proved_problem_leaves_with_0_and_writes_its_files(dobc):
         assert check["id"] in KINDS
 
 
-def test_the_same_problem_gives_the_same_files_and_replaces_the_old_ones(dobc):
-    first = dobc("certify", "paper-fixed", "--no-report", "--out", "here")
+def test_the_same_problem_gives_the_same_files_and_replaces_the_old_ones(command_line):
+    call = ("certify", write(CHAIN), "--no-report", "--out", "here")
+    first = command_line(*call)
     files = {name: Path("here", name).read_bytes() for name in ("certificate.json", "problem.json")}
     Path("here/certificate.json").write_text("old", encoding="utf-8")
-    MADE.clear()
-    assert dobc("certify", "paper-fixed", "--no-report", "--out", "here") == first
+    assert command_line(*call) == first
     assert {name: Path("here", name).read_bytes() for name in files} == files
 
 
@@ -206,7 +205,7 @@ def test_a_certificate_verifies_against_every_form_of_its_problem_that_is_there(
     assert dobc("verify", "nowhere.json", "--problem", "paper-fixed", "--json").json["error"]["key"] == "certificate"
     ran = dobc("verify", certified, "--problem", "nowhere.toml", "--json")
     assert (ran.code, ran.json["error"]["key"]) == (2, "nowhere.toml")
-    for certificate, problem in product(("proof", "proof/certificate.json"), ("paper-fixed", "proof/problem.json")):
+    for certificate, problem in (("proof", "proof/problem.json"), ("proof/certificate.json", "paper-fixed")):
         ran = dobc("verify", certificate, "--problem", problem, "--json")
         assert (ran.code, ran.json["holds"], ran.json["verdict"], ran.json["failures"]) == (0, True, "proved", [])
     assert dobc("verify", "proof", "--problem", "paper-fixed").out.startswith("every claim holds; verdict proved.")
@@ -369,6 +368,7 @@ def start(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, "-m", "dobc_design", *arguments], check=False, **how, **options)
 
 
+@pytest.mark.slow
 def test_a_real_process_certifies(tmp_path):
     (tmp_path / "problem.toml").write_text(CHAIN, encoding="utf-8")
     ran = start("certify", "problem.toml", "--no-report", "--json", cwd=tmp_path)
@@ -480,7 +480,7 @@ def test_a_certificate_folder_of_another_problem_is_kept_unless_forced(dobc):
     assert "certificate.json of an unknown problem" in dobc("certify", chain, "--no-report", "--out", "c").err
     Path("c/elsewhere.json").rename("c/problem.json")
     assert listing(Path("c")) == before
-    certificate = certify_once("paper-fixed")
+    certificate = certify_once(load_problem("paper-fixed"))
     with pytest.raises(SpecError, match="force=True"):
         certificate.save("c")
     assert listing(Path("c")) == before

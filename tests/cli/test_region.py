@@ -69,6 +69,7 @@ def test_a_region_out_of_reach_leaves_with_3_and_says_how_far_the_proof_goes(dob
     assert [Path(path).name for path in document["files"]] == ["region.json", "region.svg", "region.png"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_file_holds_what_json_prints_and_nothing_of_a_search(dobc, tmp_path: Path):
     _, out, _ = dobc("near.toml", "--json", "--out", "there")
     document = json.loads(out)
@@ -120,6 +121,7 @@ def test_a_tolerance_that_is_no_length_leaves_with_2_and_names_the_option(dobc, 
         assert (ran[0], "--settling must be > 0" in ran[1] + ran[2]) == (2, True)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_narrow_terminal_has_its_reasons_below_the_table_and_no_number_is_cut(dobc, monkeypatch):
     for columns in (80, 50):
         monkeypatch.setenv("COLUMNS", str(columns))

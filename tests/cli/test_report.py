@@ -6,12 +6,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from certified import certify_once
 from problem_texts import CHAIN
 
 
 @pytest.fixture
-def dobc(command_line):
+def dobc(command_line, monkeypatch):
     """Run the command line in a folder with two certificates, A and B: exit code, standard output and error."""
+    monkeypatch.setattr("dobc_design.certification.certify.certify", certify_once)
     Path("a.toml").write_text(CHAIN, encoding="utf-8")
     Path("b.toml").write_text(CHAIN.replace("3 = 5", "3 = 0"), encoding="utf-8")
     assert command_line("certify", "a.toml", "--no-report", "-q", "--out", "A")[0] == 0

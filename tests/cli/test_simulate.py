@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from certified import certified
 
-from dobc_design import load_trajectory, simulate
+from dobc_design import load_problem, load_trajectory, simulate
+from dobc_design.plotting.look import Sheet
 from dobc_design.simulation.setting import Failure, Stress, stress_to_json
 
 DIVERGING = """\
@@ -58,6 +60,7 @@ def test_one_run_is_written_as_a_trajectory_that_can_be_read(dobc):
     assert "wrote here" in out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_files_are_overwritten_with_force_only(dobc):
     assert dobc("paper-fixed", "--runs", 2, "--t-final", 1, "--out", "here")[0] == 0
     before = Path("here/ensemble.npz").read_bytes()
@@ -73,6 +76,7 @@ def test_files_are_overwritten_with_force_only(dobc):
         assert len(stored["seeds"]) == 3
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_run_that_diverges_is_an_answer(dobc):
     Path("apart.toml").write_text(DIVERGING, encoding="utf-8")
     code, out, _ = dobc("apart.toml", "--json", "--out", "here")
@@ -122,6 +126,7 @@ def test_a_mistake_is_named_by_its_key_and_nothing_is_written(dobc, arguments, k
     assert [path.name for path in Path().iterdir()] == ["file"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_start_and_a_mode_can_be_given(dobc):
     Path("x.csv").write_text("\n".join(map(str, range(10))), encoding="utf-8")
     code, out, _ = dobc("paper-switching", "--start", "x.csv", "--mode", "Gb", "--t-final", 1, "--out", "here")
@@ -132,6 +137,7 @@ def test_a_start_and_a_mode_can_be_given(dobc):
     assert 'mode "Gb"' in out
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_stress_options_reach_the_run_and_are_said(dobc):
     options = "--noise 0.01 --saturation 4 --period 0.05 --loss 0.1 --disturbance 0.1 --fail 3@1 --fail 4@1.5:freeze"
     code, out, _ = dobc("paper-fixed", "--t-final", 2, *options.split(" "), "--out", "here")
@@ -144,13 +150,33 @@ def test_stress_options_reach_the_run_and_are_said(dobc):
     assert np.array_equal(stored.x, simulate("paper-fixed", t_final=2, stress=stress).x)
 
 
-def test_agents_that_move_in_space_are_written_as_a_page(dobc):
-    code, out, _ = dobc("uav-swarm", "--t-final", 2, "--out", "here")
+FLOCK = """\
+name = "flock"
+target = [1, 2]
+[network]
+agents = ["uav-8", "uav-9"]
+arrow = "listens_to"
+modes.G = [["uav-9", "uav-8"]]
+[coupling]
+h = "y"
+[pinning]
+gains = { uav-8 = 2 }
+[exosystem]
+A = [[0]]
+C = [[1], [2]]
+"""
+
+
+def test_agents_that_move_in_space_are_written_as_a_page(dobc, monkeypatch):
+    Path("flock.toml").write_text(FLOCK, encoding="utf-8")
+    with monkeypatch.context() as own:
+        own.setattr(Sheet, "file", lambda self, kind: b"a figure")
+        code, out, _ = dobc("flock.toml", "--t-final", 2, "--out", "here")
     assert "Note: No W was given: it was designed." in out
     page = Path("here/network.html").read_text("utf-8")
     assert code == 0
     assert "uav-9" in page
-    assert dobc("uav-swarm", "--runs", 2, "--t-final", 1, "--out", "many")[0] == 0
+    assert dobc("flock.toml", "--runs", 2, "--t-final", 1, "--out", "many")[0] == 0
     assert not Path("many/network.html").exists()
     assert "5 to 95 %" in Path("many/simulation.svg").read_text("utf-8")
 
@@ -175,10 +201,8 @@ initial_states = [0, 2]
 @pytest.fixture
 def proved(dobc, tmp_path):
     """ring.toml and its certificate, with everything that is cheap to prove."""
-    from dobc_design.certification.certify import certify
-
     Path("ring.toml").write_text(RING, encoding="utf-8")
-    certify("ring.toml").save(tmp_path / "proof")
+    certified(load_problem("ring.toml")).save(tmp_path / "proof")
     return tmp_path / "proof"
 
 
@@ -216,8 +240,9 @@ def test_what_breaks_first_is_one_table_one_figure_and_one_document(dobc, proved
     from dobc_design.simulation import breaking as room
 
     monkeypatch.setattr(room, "OPTIONS", ("noise", "period"))
+    monkeypatch.setattr(room, "BISECTIONS", 5)
     code, out, _ = dobc(
-        "ring.toml", "--what-breaks-first", "--t-final", 6, "--certificate", proved, "--out", "here", "--json"
+        "ring.toml", "--what-breaks-first", "--t-final", 1.5, "--certificate", proved, "--out", "here", "--json"
     )
     document = json.loads(out)
     breaking = document["breaking"]
@@ -228,10 +253,10 @@ def test_what_breaks_first_is_one_table_one_figure_and_one_document(dobc, proved
     assert sorted(path.name for path in Path("here").iterdir()) == ["breaking.svg", "summary.json"]
     assert json.loads(Path("here/summary.json").read_text("utf-8")) == document
     assert "longest that works" in Path("here/breaking.svg").read_text("utf-8")
-    assert dobc("ring.toml", "--what-breaks-first", "--t-final", 6, "--out", "here")[0] == 2
+    assert dobc("ring.toml", "--what-breaks-first", "--t-final", 1.5, "--out", "here")[0] == 2
     monkeypatch.setattr(room, "OPTIONS", ("period",))
-    _, out, _ = dobc("ring.toml", "--what-breaks-first", "--t-final", 6, "--certificate", proved)
-    assert re.search(r"Sampling period: converges at 0\.28\d* s, no longer at 0\.28\d* s; certified up to 0\.13", out)
+    _, out, _ = dobc("ring.toml", "--what-breaks-first", "--t-final", 1.5, "--certificate", proved)
+    assert re.search(r"Sampling period: converges at 0\.25\d* s, no longer at 0\.25\d* s; certified up to 0\.13", out)
 
 
 def test_a_run_that_no_certificate_is_about_gets_a_note_in_place_of_a_bound(dobc, proved):

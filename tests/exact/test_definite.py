@@ -224,7 +224,7 @@ def matrices(draw: st.DrawFn) -> exact.SparseSymmetric:
     return exact.SparseSymmetric(n, entries)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(matrices())
 def test_no_path_contradicts_the_characteristic_polynomial(M: exact.SparseSymmetric):
     """Paths that decide agree with the oracle; those that may pass on do not contradict it."""
@@ -267,7 +267,7 @@ UNDECIDED = Verdict.UNDECIDED
 @cache
 def edges() -> list[tuple[Fraction, np.ndarray]]:
     """Smallest eigenvalue and matrix; not made where the tests are only collected."""
-    return [*edge_matrices((4, 16), seed=7, repeats=2), *edge_matrices((64,), seed=8, repeats=1)]
+    return [*edge_matrices((4, 16), seed=7, repeats=1), *edge_matrices((64,), seed=8, repeats=1, powers=(28, 46))]
 
 
 def truth(small: Fraction) -> Verdict:
@@ -293,7 +293,7 @@ def test_no_path_is_wrong_at_the_edge(name: str):
 
 def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
     """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python integers."""
-    for small, table in edges()[:240] + edges()[240::7]:  # of 64 rows, a few of each sign
+    for small, table in edges()[:120:4] + edges()[120::2]:  # some of each sign and size
         M = exact.IntegerSymmetric.from_floats(table)
         strict, weak = exact.decide_positive_definite(M), exact.decide_positive_semidefinite(M)
         assert (weak.verdict is PROVED) == (small >= 0)
@@ -312,7 +312,7 @@ def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
 @pytest.mark.parametrize("size", [4, 16, pytest.param(64, marks=pytest.mark.slow)])
 def test_z_matrices_at_the_edge(size: int):
     """The small eigenvalue belongs to v = 1: M v = small v decides by its sign, both ways."""
-    for power in POWERS:
+    for power in POWERS[::4]:
         for sign in (-1, 0, 1):
             small = sign * Fraction(1, 2**power)
             matrix = z_edge_matrix(size, small)

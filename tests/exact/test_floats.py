@@ -8,7 +8,7 @@ from fractions import Fraction
 from itertools import product
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from dobc_design.coupling.enclosures import Curve, jet, secant, slope_form, value
@@ -69,6 +69,7 @@ def test_powers_contain_those_of_the_ends_and_of_0(x: Floats, exponent: int) -> 
 
 
 @pytest.mark.parametrize("name", ONE_ARGUMENT)
+@settings(max_examples=20)
 @given(x=intervals())
 def test_functions_contain_what_the_rationals_enclose(name: str, x: Floats) -> None:
     try:
@@ -78,6 +79,7 @@ def test_functions_contain_what_the_rationals_enclose(name: str, x: Floats) -> N
     assert contains(found, FUNCTIONS[name].interval(exact(x)))
 
 
+@settings(max_examples=20)
 @given(intervals(), intervals(), st.fractions())
 def test_hulls_common_parts_halves_and_conversions_lose_nothing(x: Floats, y: Floats, number: Fraction) -> None:
     assert x.hull(y).contains(exact(x)) and x.hull(y).contains(exact(y))
@@ -95,6 +97,7 @@ def test_hulls_common_parts_halves_and_conversions_lose_nothing(x: Floats, y: Fl
 @pytest.mark.parametrize(
     "h", ["sin(y)", "tanh(y)", "exp(y) - 1 + y", "y/(1 + y**2)", "clip(2*y, -1, 1)", "atan(y)*y**2"]
 )
+@settings(max_examples=20)
 @given(a=st.floats(-3, 3), b=st.floats(-3, 3))
 def test_couplings_and_their_gains_and_slopes_are_enclosed(h: str, a: float, b: float) -> None:
     curve, Y = Curve(parse_expression(h)), Floats(min(a, b), max(a, b))

@@ -71,7 +71,7 @@ def enclosed(name, x):
 NAMES = ("exp", "log", "sin", "cos", "tan", "tanh", "atan", "sinh", "cosh", "sqrt")
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.sampled_from(NAMES), INTERVALS, SHARES)
 def test_function_values_inside_an_interval_are_enclosed(name, x, share):
     """Theory, section 3: enclosures round outwards."""
@@ -162,7 +162,7 @@ def test_pi_is_enclosed_narrowly():
     assert interval.pi().width < Fraction(1, 2**120)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(INTERVALS, INTERVALS, SHARES, SHARES)
 def test_arithmetic_encloses_every_pair_and_is_tight(x, y, s, t):
     """Exact rational arithmetic on points inside, and on the four corners."""
@@ -186,7 +186,7 @@ def test_arithmetic_encloses_every_pair_and_is_tight(x, y, s, t):
     assert x.hull(y).contains(b)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(INTERVALS, SHARES, st.integers(-7, 7))
 def test_powers_enclose_and_even_ones_know_their_minimum(x, share, exponent):
     """Trap: an interval straddling 0 (arb ** int gives NaN there)."""

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dobc_design.errors import SpecError
@@ -51,6 +51,7 @@ def test_a_float_means_its_shortest_text(x):
     assert parse_number(x, key="k") == Fraction(repr(x))
 
 
+@settings(max_examples=30)
 @given(TEXTS)
 def test_accepted_text_means_what_fraction_reads_and_can_be_written_and_read_again(text):
     """Fraction's own parser is the oracle (it takes no sign in a denominator)."""

@@ -78,7 +78,7 @@ def matrices(rows, columns):
     return st.lists(row, min_size=rows, max_size=rows).map(tuple)
 
 
-@settings(max_examples=120, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(matrices(3, 3), matrices(2, 3))
 def test_a_reduction_keeps_what_is_seen(A, C):
     """T A = A_o T, C = C_o T, T of full row rank = rank, and (A_o, C_o) observable."""
@@ -95,7 +95,7 @@ def test_a_reduction_keeps_what_is_seen(A, C):
         assert exact.multiply(exact.observability_matrix(A, C), column) == exact.zeros(6, 1)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(matrices(2, 2), matrices(2, 2), matrices(2, 2), matrices(1, 2), matrices(4, 4))
 def test_a_hidden_block_shows_its_polynomial_in_any_coordinates(A1, A2, coupling, C1, S):
     """Kalman's form, transformed: the unobservable polynomial is that of A2 times what C1 misses of A1."""

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from dobc_design.errors import ShapeError, SpecError
@@ -23,6 +23,7 @@ def arrays(size, entries, denominator=1):
     return IntegerSymmetric(size=size, rows=rows, columns=columns, values=values, denominator=denominator)
 
 
+@settings(max_examples=12)
 @given(SPARSE, st.lists(st.fractions(max_denominator=9), min_size=5, max_size=5))
 def test_it_says_the_same_as_the_sparse_form(M, v):
     whole = IntegerSymmetric.from_sparse(M)
@@ -31,6 +32,7 @@ def test_it_says_the_same_as_the_sparse_form(M, v):
     assert whole.quadratic_form(v) == M.quadratic_form(v)
 
 
+@settings(max_examples=30)
 @given(st.lists(st.tuples(PLACES, WIDE), max_size=20))
 @example([((0, 0), 2**61)] * 5 + [((1, 1), 1)])
 @example([((0, 0), -(2**61))] * 5 + [((1, 1), -1)])
@@ -44,6 +46,7 @@ def test_what_is_given_twice_for_a_place_is_added_up(given_entries):
     assert (M.values.dtype == np.int64) == all(abs(x) < 2**62 for x in total.values())
 
 
+@settings(max_examples=30)
 @given(st.data(), st.sampled_from([3, 60, 62, 100, 2000]), st.sampled_from([3, 61, 90, 1500]))
 def test_signs_of_a_product_are_exact(data, entry_bits, vector_bits):
     """Against Python integers; one row is made to cancel to -1, 0 or 1."""
@@ -149,6 +152,7 @@ def test_what_does_not_fit_is_refused():
         SparseSymmetric.from_dense(((Fraction(1), Fraction(2)),))
 
 
+@settings(max_examples=12)
 @given(SPARSE, SPARSE, st.fractions(max_denominator=9))
 def test_sums_and_shifts_are_those_of_the_sparse_form(M, N, shift):
     """Of both forms in any order; denominators that differ."""
@@ -160,6 +164,7 @@ def test_sums_and_shifts_are_those_of_the_sparse_form(M, N, shift):
     assert whole.entries == M.entries
 
 
+@settings(max_examples=12)
 @given(SPARSE, st.lists(st.integers(0, 4), unique=True))
 def test_some_rows_and_columns_in_their_order(M, rows):
     full, part = M.to_dense(), [[M.to_dense()[i][j] for j in rows] for i in rows]
@@ -168,6 +173,7 @@ def test_some_rows_and_columns_in_their_order(M, rows):
     assert len(full) == 5
 
 
+@settings(max_examples=12)
 @given(SPARSE, SPARSE, st.fractions(max_denominator=9))
 def test_operations_agree_with_the_dense_ones(M, N, c):
     """Dense rational arithmetic is the oracle."""
@@ -178,12 +184,14 @@ def test_operations_agree_with_the_dense_ones(M, N, c):
     assert M.shifted(c).to_dense() == add(M.to_dense(), scale(c, identity(5)))
 
 
+@settings(max_examples=12)
 @given(SPARSE, st.lists(st.fractions(max_denominator=9), min_size=5, max_size=5))
 def test_the_quadratic_form_is_the_product(M, v):
     column = tuple((x,) for x in v)
     assert M.quadratic_form(v) == multiply((tuple(v),), multiply(M.to_dense(), column))[0][0]
 
 
+@settings(max_examples=12)
 @given(SPARSE)
 def test_triplets_fill_both_triangles(M):
     rows, columns, values = M.triplets()

@@ -21,10 +21,19 @@ def test_after_bad_inputs_the_answers_are_those_of_a_run_that_missed_them(precis
 
 
 @needs_gcc
-@pytest.mark.parametrize("problem", [load_problem("paper-fixed"), double_integrators(), three_states(), pendulums()])
+@pytest.mark.parametrize(
+    "problem",
+    [
+        load_problem("paper-fixed"),
+        three_states(),
+        pendulums(),
+        pytest.param(double_integrators(), marks=pytest.mark.slow),
+    ],
+    ids=["paper-fixed", "plants", "pendulums", "carts"],
+)
 def test_a_converged_observer_misses_five_samples_and_expects_them_right(problem, tmp_path):
     """The model is exact for a disturbance that its exosystem generates, so the inputs hardly change."""
-    program = Program(problem, tmp_path, period="1/50", precision="double")
+    program = Program(problem, tmp_path, period="1/20", precision="double")
 
     def spoil(x, heard, limited, u):
         x[-GOOD:][:5] = np.resize(KINDS, (5, 1))

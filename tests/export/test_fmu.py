@@ -17,6 +17,7 @@ from dobc_design.errors import SolverError
 from dobc_design.export import fmu
 from dobc_design.export.c_text import template
 
+pytestmark = pytest.mark.usefixtures("recorded_briefly")
 needs_compiler = pytest.mark.skipif(
     not any(map(shutil.which, fmu.COMPILERS)), reason="no C compiler is installed (Debian: apt install gcc)"
 )

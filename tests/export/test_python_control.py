@@ -1,7 +1,11 @@
 """The exported loop, integrated by python-control, is the simulated one."""
 
+import importlib.util
+import inspect
 import subprocess
 import sys
+import warnings
+from pathlib import Path
 
 import control
 import numpy as np
@@ -28,11 +32,11 @@ def response(system, trajectory, w=0.0):
 def test_python_control_reproduces_the_trajectory(name: str):
     problem = planar() if name == "planar" else load_problem(name)
     system = to_control(problem)
-    run = simulate(problem, t_final=3, samples=61)
+    run = simulate(problem, t_final=1, samples=21)
     found = response(system, run)
     size = problem.n * problem.m
     for part, rows in (("x", slice(0, size)), ("dhat", slice(size, 2 * size)), ("u", slice(2 * size, 3 * size))):
-        np.testing.assert_allclose(found.outputs[rows].T, getattr(run, part).reshape(61, size), atol=1e-6)
+        np.testing.assert_allclose(found.outputs[rows].T, getattr(run, part).reshape(21, size), atol=1e-6)
     assert isinstance(system, control.NonlinearIOSystem)
     assert system.nstates == problem.n * (problem.m + 2 * problem.q)
 
@@ -40,11 +44,29 @@ def test_python_control_reproduces_the_trajectory(name: str):
 def test_a_switched_loop_follows_the_same_switches():
     """python-control steps across the switches, hence the tolerance."""
     problem = load_problem("paper-switching")
-    run = dd.simulate(problem, t_final=3, samples=301)
+    run = dd.simulate(problem, t_final=1.75, samples=176)
+    assert len({run.switches.names[i] for i in run.switches.at(run.times)}) > 1
     found = response(to_control(problem), run)
     np.testing.assert_allclose(found.outputs[:10].T, run.x[:, :, 0], atol=1e-4)
     with pytest.raises(AssertionError):
         np.testing.assert_allclose(response(to_control(problem, seed=1), run).outputs[:10].T, run.x[:, :, 0], atol=1e-2)
+
+
+def test_states_that_an_integrator_tries_far_away_overflow_without_a_warning(tmp_path):
+    """Which states are tried depends on the processor."""
+    problem = load_problem("paper-switching")
+    (tmp_path / "loop.py").write_text(python_script(problem), encoding="utf-8")
+    mode = list(problem.network.modes)[1]
+    system, loop = to_control(problem, mode=mode), module_of(tmp_path / "loop.py")
+    w = np.zeros(system.ninputs)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for far in (1e3, 1e200, 1e308):
+            state = far * np.where(np.arange(system.nstates) % 2, 1.0, -1.0)
+            for found in (system.dynamics(0.0, state, w), loop.derivative(mode, state, w)):
+                assert not np.isfinite(found).all()
+            outputs = system.output(0.0, state, w), loop.outputs(state)
+    assert not np.isfinite(outputs).all(axis=1).any()
 
 
 def test_the_input_is_a_disturbance_besides_the_modelled_one():
@@ -94,30 +116,60 @@ def test_the_facade_designs_a_missing_gain_and_refuses_moving_graphs():
         to_control("paper-fixed", signal=dd.signals.Mobile(radius=1.0))
 
 
-@pytest.mark.parametrize("name", [pytest.param("paper-switching", marks=pytest.mark.slow), "planar"])
-def test_the_file_alone_gives_the_same_derivatives_and_outputs(name: str, tmp_path):
-    """Run in a process where this package cannot be imported."""
+def answers(loop, mode: str, state: np.ndarray, w: np.ndarray) -> dict[str, np.ndarray]:
+    """What the module of an exported file says in one mode."""
+    system = loop.make_system(mode)
+    return {
+        "derivative": system.dynamics(0, state, w),
+        "outputs": system.output(0, state, w),
+        "start": loop.start(loop.GOALS, None, 1.0),
+        "poles": loop.make_observer().poles(),
+        "exosystem": loop.make_exosystem().A,
+    }
+
+
+def in_a_process(file: Path, mode: str, state: np.ndarray, w: np.ndarray) -> dict[str, np.ndarray]:
+    """The same, of the file in a process of its own where this package cannot be imported."""
+    np.savez(file.with_name("given.npz"), state=state, w=w, mode=np.array(mode))
+    script = "import sys\nsys.modules['dobc_design'] = None\nimport numpy as np\nimport loop\n"
+    script += inspect.getsource(answers)
+    script += "given = np.load('given.npz')\n"
+    script += "np.savez('found.npz', **answers(loop, str(given['mode']), given['state'], given['w']))\n"
+    done = subprocess.run([sys.executable, "-c", script], cwd=file.parent, capture_output=True, check=False, text=True)
+    assert done.returncode == 0, done.stderr
+    return dict(np.load(file.with_name("found.npz")))
+
+
+def in_this_process(file: Path, mode: str, state: np.ndarray, w: np.ndarray) -> dict[str, np.ndarray]:
+    """The same, while this package cannot be imported."""
+    with pytest.MonkeyPatch.context() as without:
+        without.setitem(sys.modules, "dobc_design", None)
+        return answers(module_of(file), mode, state, w)
+
+
+def module_of(file: Path):
+    spec = importlib.util.spec_from_file_location("loop", file)
+    loop = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(loop)
+    return loop
+
+
+@pytest.mark.parametrize(
+    ("name", "asked"),
+    [
+        ("planar", in_this_process),
+        pytest.param("planar", in_a_process, marks=pytest.mark.slow),
+        pytest.param("paper-switching", in_a_process, marks=pytest.mark.slow),
+    ],
+)
+def test_the_file_alone_gives_the_same_derivatives_and_outputs(name: str, asked, tmp_path: Path):
     problem = planar() if name == "planar" else load_problem(name)
     (tmp_path / "loop.py").write_text(python_script(problem), encoding="utf-8")
     mode = list(problem.network.modes)[1]
     system = to_control(problem, mode=mode)
     rng = np.random.default_rng(0)
     state, w = rng.normal(size=system.nstates), rng.normal(size=system.ninputs)
-    np.savez(tmp_path / "given.npz", state=state, w=w, mode=np.array(mode))
-    script = """
-import sys
-sys.modules["dobc_design"] = None
-import numpy as np
-import loop
-given = np.load("given.npz")
-system = loop.make_system(str(given["mode"]))
-found = [system.dynamics(0, given["state"], given["w"]), system.output(0, given["state"], given["w"])]
-np.savez("found.npz", derivative=found[0], outputs=found[1], start=loop.start(loop.GOALS, None, 1.0),
-         poles=loop.make_observer().poles(), exosystem=loop.make_exosystem().A)
-"""
-    done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, capture_output=True, check=False, text=True)
-    assert done.returncode == 0, done.stderr
-    found = np.load(tmp_path / "found.npz")
+    found = asked(tmp_path / "loop.py", mode, state, w)
     np.testing.assert_allclose(found["derivative"], system.dynamics(0.0, state, w), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(found["outputs"], system.output(0.0, state, w), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(np.sort_complex(found["poles"]), np.sort_complex(system.observer.poles()), atol=1e-9)

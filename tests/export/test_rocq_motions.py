@@ -4,17 +4,21 @@ import re
 from collections import Counter
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from importlib.resources import files
+from itertools import pairwise
 
-import motions_cases
 import numpy as np
 import pytest
 from dynamic_agents import double_integrators
 from motions_cases import (
     AXIOMS,
     EDITS,
+    about,
     base,
-    certified,
+    boxed,
+    certify_motions,
+    claims,
     coqc,
     edited,
     forged_proof,
@@ -26,22 +30,26 @@ from motions_cases import (
     refused_in,
     separable,
     text_of,
+    with_gain,
 )
 from random_couplings import coupling_text
 from rocq_text import bare
 
-from dobc_design import Problem, Verdict, certify
+from dobc_design import Exosystem, Network, Problem, Verdict, certify
+from dobc_design.conditions.separable.claim import Separable
 from dobc_design.coupling.expression import ATOM, Piece, numpy_function, parse_expression
 from dobc_design.coupling.tree import evaluate
 from dobc_design.errors import SpecError
-from dobc_design.export.rocq.motions import RocqAlgebra, motions_proof, real
+from dobc_design.export.rocq import motions
+from dobc_design.export.rocq.motions import RocqAlgebra, Rows, motions_proof, real
 from dobc_design.problem.groups import gains_of
 
-NAMES = ("small", "rich", "turning", "exact")
+NAMES = ("small", "rich", "bent", "exact")
+ALL_NAMES = (*NAMES, pytest.param("turning", marks=pytest.mark.slow))
 KINKED = ("abs", "min", "max", "clip")
 BOX = {"initial_states": [-1, 1]}
 OTHER = {(1, 0): "tanh(y)"}  # no arc has the coupling of all others
-LOOSE = motions_cases.Network.from_arcs([[2, 1]], arrow="listens_to", agents=2, optional=[[1, 2]])
+LOOSE = Network.from_arcs([[2, 1]], arrow="listens_to", agents=2, optional=[[1, 2]])
 LIBRARY = {path.name: path.read_text("utf-8") for path in (files("dobc_design.export.rocq") / "theory").iterdir()}
 LEMMA = r"^Lemma ((?:upper|lower)_\d+_\d+)_(\d+) : \w+ network v k alpha (\d+) (\d+) (.+)\.$"
 
@@ -58,28 +66,34 @@ def rational(text):
     return sign * Fraction(re.sub(r"[()\s-]", "", text))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["rich", "bent"])
 def test_the_same_certificate_gives_the_same_text(name):
-    assert motions_proof(certify(problems()[name])) == text_of(name)
+    assert motions_proof(boxed(name)) == text_of(name)
+
+
+def test_one_that_is_made_anew_with_everything_that_is_claimed_gives_the_same_text():
+    assert motions_proof(certify(problems()["exact"])) == text_of("exact")
+
+
+@cache
+def code_named(word):
+    """The file of a problem whose every name has this word, without comments."""
+    labels = ["1" + word, "2" + word]
+    network = Network.from_arcs({"mode " + word: [[labels[1], labels[0]]]}, arrow="listens_to", agents=labels)
+    problem = line(network=network, gains={labels[0]: 3}, name=word, notes=[word, "*" + word + "("])
+    return bare(motions_proof(certify_motions(problem)))
 
 
 @pytest.mark.parametrize("text", ['*) Axiom bad : False. (* "', "(*", "*)", "(*)", "**))((**", "λ → é", "x)"])
 def test_names_notes_labels_and_modes_cannot_leave_their_comments(text):
-    def code(word):
-        labels = ["1" + word, "2" + word]
-        arcs = {"mode " + word: [[labels[1], labels[0]]]}
-        network = motions_cases.Network.from_arcs(arcs, arrow="listens_to", agents=labels)
-        problem = line(network=network, gains={labels[0]: 3}, name=word, notes=[word, "*" + word + "("])
-        return bare(motions_proof(certify(problem)))
-
-    assert code(text) == code("harmless")
-    assert code(text).isascii()
+    assert code_named(text) == code_named("harmless")
+    assert code_named(text).isascii()
 
 
 def test_without_a_max_separable_proof_there_is_no_file():
     with pytest.raises(SpecError, match=r"no max-separable proof is in this certificate\. Give a \[region\]"):
-        motions_proof(certify(line(region=None)))
-    certificate = certified("exact")
+        motions_proof(certify_motions(line(region=None)))
+    certificate = boxed("exact")
     checks = tuple(
         replace(each, verdict=Verdict.UNDECIDED) if each.id == "max-separable" else each for each in certificate.checks
     )
@@ -89,7 +103,7 @@ def test_without_a_max_separable_proof_there_is_no_file():
 
 def test_a_global_proof_is_exported_for_a_radius_of_1():
     """Linear couplings: the claim has no rho, and the file says 1 / min v."""
-    certificate = certify(line("y", region=None), everything=True)
+    certificate = certify_motions(line("y", region=None), everything=True)
     claim = separable(certificate).claim
     assert claim.rho is None
     text = motions_proof(certificate)
@@ -111,12 +125,12 @@ def test_a_global_proof_is_exported_for_a_radius_of_1():
 )
 def test_what_the_library_does_not_know_is_refused_in_words(problem, words):
     with pytest.raises(SpecError, match=words):
-        motions_proof(certify(problem))
+        motions_proof(certify_motions(problem))
 
 
 def test_a_claim_about_other_coordinates_is_refused():
     """z = T e: agents with [dynamics], and couplings that are lists."""
-    changed = motions_cases.claims(certified("small"), T=((Fraction(1),),))
+    changed = claims(boxed("small"), T=((Fraction(1),),))
     with pytest.raises(SpecError, match="no max-separable proof is in this certificate"):
         motions_proof(changed)
 
@@ -126,20 +140,25 @@ def test_400_arcs_are_the_most():
     arcs = [[i, j] for i in range(1, 22) for j in range(1, 22) if i != j]
     problem = line(network=listens(arcs, 21), gains=2)
     with pytest.raises(SpecError, match="not made for more than 400 arcs"):
-        motions_proof(certify(problem))
+        motions_proof(certify_motions(problem))
 
 
 def test_six_states_of_an_exosystem_are_the_most():
-    A = [[-i - 1 if i == j else 0 for j in range(7)] for i in range(7)]
-    exosystem = motions_cases.Exosystem(A=A, C=[[1] * 7])
-    problem = line(exosystem=exosystem, region=BOX | {"initial_disturbance": "1/10"})
+    """Whatever is claimed of its observer."""
+
+    def proof(q):
+        A, unit = ([[x if i == j else 0 for j in range(q)] for i in range(q)] for x in (-1, 1))
+        certificate = about(boxed("exact"), exosystem=Exosystem(A=A, C=[[1] * q]))
+        return forged_proof(claims(with_gain(certificate, [[1]] * q), P=unit))
+
+    assert "Theorem every_motion_converges" in proof(6)
     with pytest.raises(SpecError, match="not made for exosystems of more than 6"):
-        motions_proof(certify(problem))
+        proof(7)
 
 
 def test_a_certificate_of_another_problem_is_refused():
     with pytest.raises(SpecError, match="about another problem: its hash differs"):
-        motions_proof(replace(certified("exact"), problem=certified("small").problem))
+        motions_proof(replace(boxed("exact"), problem=boxed("small").problem))
 
 
 # ---- Expressions ----
@@ -218,9 +237,9 @@ def test_signs_powers_and_quotients_bind_as_in_numpy(text):
 # ---- What stands in the file ----
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ALL_NAMES)
 def test_every_number_of_the_problem_and_of_the_claim_stands_in_the_file(name):
-    certificate = certified(name)
+    certificate = boxed(name)
     problem, check = certificate.problem, separable(certificate)
     code = re.sub(r"\s+", " ", bare(text_of(name)))
 
@@ -255,10 +274,10 @@ def test_every_number_of_the_problem_and_of_the_claim_stands_in_the_file(name):
     assert listed == weights
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ALL_NAMES)
 def test_the_pieces_of_a_row_cover_0_to_rho_without_gaps(name):
     """Every mode, agent and face; the row is joined of all of them in their order."""
-    certificate = certified(name)
+    certificate = boxed(name)
     text, rho = text_of(name), separable(certificate).claim.rho
     ends = {}
     for row, k, _, _, numbers in re.findall(LEMMA, text, flags=re.MULTILINE):
@@ -269,6 +288,25 @@ def test_the_pieces_of_a_row_cover_0_to_rho_without_gaps(name):
     problem = certificate.problem
     assert len(ends) == 2 * problem.n * len(problem.network.modes)
     assert set(ends.values()) == {rho}
+
+
+def test_a_row_with_less_room_has_more_pieces_until_there_is_too_little(monkeypatch):
+    """Agent 2 hears agent 1 by a sine, at most 0.978 for y in [-2 s, 0] at s = 9/4, which asks for a room of 0.435."""
+    monkeypatch.setattr(motions, "MOST_PARTS", 6)
+
+    def pieces(room):
+        claim = Separable(v=(Fraction(1), Fraction(1)), alpha=3 - room, rho=Fraction(9, 4))
+        rows = [row for row in Rows(line("sin(y)", gains=3), claim, claim.rho).all() if row.agent == 1]
+        for row in rows:
+            ends = [(part.low, part.high) for part in row.parts]
+            assert (ends[0][0], ends[-1][1]) == (0, claim.rho)
+            assert all(before[1] == after[0] for before, after in pairwise(ends))
+        return [len(row.parts) for row in rows]
+
+    wide, narrow = pieces(Fraction(9, 4)), pieces(Fraction(1, 2))
+    assert 1 < wide[0] == wide[1] < narrow[0] == narrow[1]
+    with pytest.raises(SpecError, match="the row of agent 2 in mode G has too little room for Coq"):
+        pieces(Fraction("0.43"))
 
 
 def test_the_examples_have_every_kind_of_fact_about_an_arc():
@@ -344,7 +382,7 @@ def test_coq_accepts_a_nonlinear_network_with_an_exosystem(name, folder):
 @pytest.mark.slow
 @pytest.mark.parametrize("what", ["alpha: twice", "v_1: twice", "pin 2: none", "arc 3 to 2: removed"])
 def test_coq_refuses_the_row_that_a_changed_claim_makes_false(what, folder):
-    forged = forgeries()[what](certified("small"))
+    forged = forgeries()[what](boxed("small"))
     text = parts_2_to_4(forged_proof(forged))
     ran = coqc(folder, "changed", text)
     assert ran.code != 0
@@ -352,7 +390,7 @@ def test_coq_refuses_the_row_that_a_changed_claim_makes_false(what, folder):
 
 
 def test_the_twin_that_is_not_changed_is_the_file_itself():
-    assert forged_proof(certified("small")) == text_of("small")
+    assert forged_proof(boxed("small")) == text_of("small")
     assert all(edited(parts_2_to_4(text_of("small")), *each) for each in EDITS.values())
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -23,9 +23,10 @@ from dobc_design.conditions.separable.propose import (
 )
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import scale
+from dobc_design.falsification import search
 from dobc_design.falsification.search import ascend, final_error, final_level
 from dobc_design.falsification.starts import Boundary, asked_box, level_of
-from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY
+from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification
 from dobc_design.model.model import build_flow
 from dobc_design.problem.changes import changed_problem, gain_changes
 from dobc_design.simulation.field import make_loop
@@ -39,7 +40,8 @@ def end_of(problem: Problem, suspect, duration: float) -> np.ndarray:
     goal = np.array([[float(x) for x in problem.goal_of(i)] for i in range(problem.n)])
     start = (suspect.start - goal).ravel()
     (mode,) = {name for _, name in suspect.modes}
-    return solve_ivp(lambda t, e: field(problem, mode, e), (0, duration), start, rtol=1e-9, atol=1e-11).y[:, -1]
+    given = {"method": "LSODA", "rtol": 1e-9, "atol": 1e-11}
+    return solve_ivp(lambda t, e: field(problem, mode, e), (0, duration), start, **given).y[:, -1]
 
 
 def certificate_of(problem: Problem, rho: F, *, digits: int = 2) -> Separable:
@@ -48,10 +50,21 @@ def certificate_of(problem: Problem, rho: F, *, digits: int = 2) -> Separable:
     return Separable(v=v, alpha=largest_rate(problem, v, rho=rho), rho=rho)
 
 
+@pytest.fixture
+def few_looks_for_equilibria(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Newton's method from four corners, four random starts and four ends at most, for tests that are not about it."""
+    monkeypatch.setattr(search, "NEWTON_STARTS", 4)
+
+
+@cache
+def found_of_the_pair() -> Falsification:
+    """sin, k = 1/10, starts in [-5, 5]; runs that stall last 60 s."""
+    return dd.falsify(listening_pair(), runs=30, t_final=15)
+
+
 def test_the_false_equilibria_of_two_agents_are_found_proved_and_shown():
-    """sin, k = 1/10, starts in [-5, 5]: e = (-y/2, y/2), y = 3.3077 and 5.98, and what falls into others beyond."""
-    problem = listening_pair()
-    found = dd.falsify(problem, runs=200)
+    """e = (-y/2, y/2), y = 3.3077 and 5.98, and what falls into others beyond."""
+    problem, found = listening_pair(), found_of_the_pair()
     sizes = [float(max(map(abs, claim.middle))) for claim in found.proved]
     assert sizes == pytest.approx([SADDLE, SADDLE, NODE, NODE], abs=1e-5)
     assert found.check.verdict is Verdict.REFUTED
@@ -60,39 +73,43 @@ def test_the_false_equilibria_of_two_agents_are_found_proved_and_shown():
     assert STAYS_AWAY in kinds
     assert found.suspects[0].final_error == pytest.approx(SADDLE, abs=1e-5)
     assert "1.654" in str(found)
-    assert "2 suspect" not in repr(found)
+    assert f" {len(found.suspects)} suspect(s), 4 proved" in repr(found)
     for suspect in found.suspects:
         if suspect.kind == STAYS_AWAY:
-            end = np.max(np.abs(end_of(problem, suspect, 480.0)))
+            end = np.max(np.abs(end_of(problem, suspect, 60.0)))
             assert end == pytest.approx(suspect.final_error, rel=1e-4)
             assert end > 1
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_below_the_saddle_nothing_is_found():
     """Twins: the region of 1.653 is clean, that of 1.66 is refuted."""
-    clean = dd.falsify(listening_pair(reach=1.653), runs=200)
+    clean = dd.falsify(listening_pair(reach=1.653), runs=30, t_final=20)
     assert (clean.suspects, clean.proved, clean.check) == ((), (), None)
-    assert clean.tried == 200
-    assert dd.falsify(listening_pair(reach=1.66), runs=200).check is not None
+    assert clean.tried == 30
+    assert dd.falsify(listening_pair(reach=1.66), runs=30, t_final=5).check is not None
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_without_a_region_equilibria_are_proved_and_refute_nothing():
-    found = dd.falsify(listening_pair(reach=None), runs=100, radius=2.0)
+    found = dd.falsify(listening_pair(reach=None), runs=14, radius=2.0, t_final=10)
     assert len(found.proved) == 2
     assert found.check is None
     assert found.target == "|e|_inf <= 2"
-    assert dd.falsify(listening_pair(reach=None), runs=100).proved == ()
+    assert dd.falsify(listening_pair(reach=None), runs=14, t_final=10).proved == ()
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_agents_that_repel_each_other_are_found_and_named():
     network = dd.Network.from_arcs([["left", "right"], ["right", "left"]], arrow="listens_to")
-    problem = Problem(network=network, coupling="-y - y**3", gains="1/10")
-    found = dd.falsify(problem, runs=50)
+    problem = Problem(network=network, coupling="-y - tanh(y)", gains="1/10")
+    found = dd.falsify(problem, runs=10)
     assert all(suspect.kind == STAYS_AWAY for suspect in found.suspects)
     assert found.suspects[0].final_error == np.inf
     assert set(found.suspects[0].labels) <= {"left", "right"}
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_a_certified_set_of_agents_with_different_exosystems_is_not_contradicted_and_a_false_one_is():
     """Twin: a hundredth of the certificate's P, so that the observer's error seems to cost next to nothing."""
     sine = dd.Group(agents=[1, 3], exosystem=dd.exosystems.harmonics(2))
@@ -101,56 +118,60 @@ def test_a_certified_set_of_agents_with_different_exosystems_is_not_contradicted
     region = {"initial_states": [-1, 1], "initial_disturbance": "1/2"}
     problem = dd.Problem(network=network, coupling="tanh(y)", gains=1, groups=[sine, constant], region=region)
     certificate = dd.certify(problem)
-    found = dd.falsify(problem, runs=30, certified=certificate)
+    found = dd.falsify(problem, runs=9, certified=certificate, t_final=8)
     assert found.suspects == ()
     assert found.observed_rate >= found.certified_rate * (1 - 1e-6)
     claim = separable_from_json(certificate.check("max-separable").exact, problem)
     false = replace(claim, error=replace(claim.error, P=scale(F(1, 100), claim.error.P)))
     given = changed_problem(problem, gain_changes(problem, certificate.claims.W))
-    twin = dd.falsify(given, runs=30, certified=false)
+    twin = dd.falsify(given, runs=9, certified=false, t_final=5)
     assert LEAVES in {suspect.kind for suspect in twin.suspects}
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_a_rate_that_is_too_high_is_contradicted():
-    """Twin: the same set with 1/4 in place of 0.108; the slowest decay that is seen is about 0.22."""
-    claim = replace(certificate_of(cycle(), F(4)), alpha=F(1, 4))
-    found = dd.falsify(cycle(), runs=200, certified=claim)
+    """Twin: the same set with 1 in place of 0.49; the slowest decay that is seen is about 0.76."""
+    claim = replace(certificate_of(cycle(3), F(2)), alpha=F(1))
+    found = dd.falsify(cycle(3), runs=14, certified=claim, t_final=8)
     assert {suspect.kind for suspect in found.suspects} == {LEAVES}
-    assert found.observed_rate < 0.25
+    assert found.observed_rate < 1
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_a_set_that_is_too_large_is_contradicted():
     """Two agents, sin: v = (1, 1) is proved up to 1.65387; at 1.7 starts leave."""
     problem, v = listening_pair(reach=None), (F(1), F(1))
     inside = Separable(v=v, alpha=largest_rate(problem, v, rho=F("1.653")), rho=F("1.653"))
-    assert dd.falsify(problem, runs=100, certified=inside).suspects == ()
-    beyond = dd.falsify(problem, runs=100, certified=replace(inside, rho=F("1.7")))
+    assert dd.falsify(problem, runs=14, certified=inside, t_final=20).suspects == ()
+    beyond = dd.falsify(problem, runs=14, certified=replace(inside, rho=F("1.7")), t_final=5)
     assert {LEAVES, RESTS} <= {suspect.kind for suspect in beyond.suspects}
     assert len(beyond.proved) == 2
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 @pytest.mark.parametrize("shape", ["identity", pytest.param("full", marks=pytest.mark.slow)])
 def test_a_quadratic_certificate_is_never_contradicted_and_a_false_one_is(shape: str):
-    """Directed 3-cycle with one pin; the twin asks for five times its rate."""
-    problem = lure_cycle(3, {1: 3})
+    """Two agents that hear each other, one pin; the twin asks for five times its rate."""
+    problem = lure_cycle(2, {1: 3})
     lure = design_lure(problem, holds=lambda each: is_proved(problem, each), shape=shape)
     lure = raise_rate(problem, lure, holds=lambda each: is_proved(problem, each))
-    found = dd.falsify(problem, runs=100, certified=lure)
+    found = dd.falsify(problem, runs=9, certified=lure, t_final=8)
     assert found.suspects == ()
     assert found.observed_rate >= float(lure.rate) > 0
     faster = replace(lure, rate=5 * lure.rate + 1)
-    assert dd.falsify(problem, runs=100, certified=faster).suspects[0].kind == LEAVES
+    assert dd.falsify(problem, runs=9, certified=faster, t_final=1).suspects[0].kind == LEAVES
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_the_set_of_a_certificate_is_searched_with_its_own_gain():
     """certify, then falsify: what was proved for the region asked for."""
     problem = listening_pair("tanh(y)", gains=1, reach=2)
     certificate = dd.certify(problem)
     check = next(each for each in certificate.checks if each.id == "max-separable")
-    found = dd.falsify(problem, runs=60, certified=certificate)
+    found = dd.falsify(problem, runs=9, certified=certificate)
     assert found.suspects == ()
     assert found.certified_rate >= certificate.rate > 0
-    assert str(dd.falsify(problem, runs=60, certified=check)) == str(found)
+    assert str(dd.falsify(problem, runs=9, certified=check)) == str(found)
 
 
 def test_a_certificate_without_a_region_and_a_check_that_is_not_proved_are_refused():
@@ -178,13 +199,13 @@ def test_the_ascent_leaves_the_basin_from_a_start_that_converges():
     assert np.max(np.abs(ends[1])) > 2
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_the_ascent_never_ends_lower_than_it_began(seed: int):
     """On the boundary of a certified set, V after a second."""
-    problem = random_problem(80 + seed, couplings=("tanh(y)", "atan(2*y)"), modes=1, n=4, held=True)
+    problem = random_problem(80 + seed, couplings=("tanh(y)", "atan(2*y)"), modes=1, n=3, held=True)
     level = level_of(problem, certificate_of(problem, F(2)))
     starts = Boundary(level=level, loop=make_loop(problem, None))
-    flow, objective = build_flow(problem, horizon=1.0, steps=200), partial(final_level, level, 4, 0)
+    flow, objective = build_flow(problem, horizon=1.0, steps=200), partial(final_level, level, 3, 0)
     e, eps = starts.draw(np.random.default_rng(seed), 5, "random")
     gains = []
     for run in range(5):
@@ -195,22 +216,24 @@ def test_the_ascent_never_ends_lower_than_it_began(seed: int):
     assert max(gains) > 0.01
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_the_same_seed_gives_the_same_search_and_another_one_other_starts():
     problem = listening_pair()
-    first, again = (dd.falsify(problem, runs=8, seed=5) for _ in range(2))
-    other = dd.falsify(problem, runs=8, seed=6)
+    first, again = (dd.falsify(problem, runs=4, seed=5, t_final=2) for _ in range(2))
+    other = dd.falsify(problem, runs=4, seed=6, t_final=2)
     assert str(first) == str(again)
     assert all(np.array_equal(a.start, b.start) for a, b in zip(first.suspects, again.suspects, strict=True))
     assert [s.start.tolist() for s in first.suspects] != [s.start.tolist() for s in other.suspects]
 
 
+@pytest.mark.usefixtures("few_looks_for_equilibria")
 def test_stages_are_told_and_names_and_results_show_themselves():
     stages: list[str] = []
-    found = dd.falsify("paper-fixed", runs=20, t_final=1.0, progress=stages.append)
+    found = dd.falsify("paper-fixed", runs=5, t_final=1.0, progress=stages.append)
     assert len(stages) >= 4
-    assert found.tried == 20
+    assert found.tried == 5
     assert "<p><b>paper-fixed" in found._repr_html_()
-    one = dd.falsify(listening_pair(), runs=20).suspects[0]
+    one = found_of_the_pair().suspects[0]
     assert "equilibrium (proved)" in repr(one)
     with pytest.raises(ValueError, match="read-only"):
         one.start[0] = 0.0
@@ -243,5 +266,5 @@ def test_an_observer_that_is_too_fast_to_be_followed_is_told_and_starts_at_its_d
     found = []
     for w in (1, "1e12"):
         observed = {"exosystem": dd.exosystems.constant(), "observer": dd.Observer(W=[[w]])}
-        found.append(tuple(dd.falsify(Problem(network=listening_pair().network, **given, **observed), runs=5).notes))
+        found.append(tuple(dd.falsify(Problem(network=listening_pair().network, **given, **observed), runs=4).notes))
     assert found == [(), ("The observer is too fast for its closed form: every run starts with xihat = xi.",)]

@@ -139,18 +139,19 @@ def test_an_ensemble_shows_the_quantiles_of_its_runs():
 
 
 EDGES = {
-    "one sample": ring("exp(y) - 1 + y", gains={"1": 5}, region={"initial_states": [0, 2000]}),
-    "at rest": ring("y", gains={"1": 5}, target=2, region={"initial_states": [2, 2]}),
-    "diverging": ring("-y**3", gains={"1": 1}),
-    "huge": ring("y", gains={"1": 5}, region={"initial_states": ["-1e300", "1e300"]}),
+    "one sample": ring("exp(y) - 1 + y", 3, gains={"1": 5}, region={"initial_states": [0, 2000]}),
+    "at rest": ring("y", 3, gains={"1": 5}, target=2, region={"initial_states": [2, 2]}),
+    "diverging": ring("-y**3", 3, gains={"1": 1}),
+    "huge": ring("y", 3, gains={"1": 5}, region={"initial_states": ["-1e300", "1e300"]}),
 }
 
 
 @pytest.mark.parametrize("name", EDGES)
 def test_runs_at_the_edge_are_drawn_without_a_warning(name: str):
+    given = {"t_final": 2, "tolerance": 1e-6}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        run, many = dd.simulate(EDGES[name], t_final=5), dd.simulate(EDGES[name], t_final=5, runs=4)
+        run, many = dd.simulate(EDGES[name], **given), dd.simulate(EDGES[name], runs=2, **given)
         assert run.plot().file("png").startswith(b"\x89PNG")
         assert many.plot().file("png").startswith(b"\x89PNG")
         assert len(page_data(animation_page(run))["times"]) == len(run.times)

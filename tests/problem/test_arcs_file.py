@@ -1,6 +1,7 @@
 """Arcs from files: CSV, edge lists and GraphML mean what the same arcs in the problem file mean."""
 
 from fractions import Fraction
+from itertools import permutations
 from pathlib import Path
 
 import networkx as nx
@@ -118,16 +119,15 @@ def test_graphml_that_cannot_be_meant_is_refused(tmp_path, text, message):
 
 
 @given(
-    st.lists(
-        st.tuples(st.sampled_from(LABELS), st.sampled_from(LABELS), st.fractions(min_value="1/1000", max_value=1000)),
-        min_size=1,
-        unique_by=lambda arc: arc[:2],
-    ).filter(lambda arcs: all(a != b for a, b, _ in arcs)),
+    st.dictionaries(
+        st.sampled_from([*permutations(LABELS, 2)]), st.fractions(min_value="1/1000", max_value=1000), min_size=1
+    ),
     st.sampled_from(["listens_to", "sends_to"]),
 )
-@settings(max_examples=25)
-def test_all_formats_mean_the_same(tmp_path_factory, arcs, arrow):
+@settings(max_examples=15)
+def test_all_formats_mean_the_same(tmp_path_factory, weights, arrow):
     folder = tmp_path_factory.mktemp("arcs")
+    arcs = [(a, b, w) for (a, b), w in weights.items()]
     lines = [(a, b, str(w)) for a, b, w in arcs]
     edges = "".join(f'<edge source="{a}" target="{b}"><data key="w">{w}</data></edge>' for a, b, w in lines)
     xml = (

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_problems import random_problem
 
@@ -60,6 +60,7 @@ def read(changed: object) -> Problem:
     return problem_from_canonical(json.dumps(changed).encode("utf-8"))
 
 
+@settings(max_examples=20)
 @given(st.integers(0, 2**32))
 def test_any_problem_is_read_back_equal_and_gives_the_same_bytes(seed):
     problem = random_problem(seed)

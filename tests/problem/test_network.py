@@ -5,7 +5,7 @@ from fractions import Fraction
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import sparse
 
@@ -216,6 +216,7 @@ def as_sets(arcs: dict, arrow: str) -> set[tuple[int, int, Fraction]]:
     return exact if arrow == "listens_to" else {(j, i, w) for i, j, w in exact}
 
 
+@settings(max_examples=20)
 @given(weighted_arcs(), st.sampled_from(["listens_to", "sends_to"]))
 def test_networkx_and_back_keeps_every_arc_and_weight(case, arrow):
     n, arcs = case
@@ -227,6 +228,7 @@ def test_networkx_and_back_keeps_every_arc_and_weight(case, arrow):
     assert set(network.modes["G"]) == as_sets(arcs, arrow)
 
 
+@settings(max_examples=20)
 @given(weighted_arcs(), st.sampled_from(["listens_to", "sends_to"]))
 def test_sparse_and_back_keeps_every_arc_and_weight(case, arrow):
     n, arcs = case

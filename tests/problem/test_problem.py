@@ -12,7 +12,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import sympy
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_problems import random_problem
 
@@ -258,6 +258,7 @@ def test_what_was_given_is_shown_shortly_and_without_control_characters(value):
     assert str(caught.value).isprintable()
 
 
+@settings(max_examples=20)
 @given(st.integers(0, 2**32))
 def test_copies_of_a_problem_are_equal(seed):
     """Sweeps send problems to other processes."""

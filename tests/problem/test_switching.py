@@ -68,7 +68,7 @@ def sections(draw) -> Switching:
 starts = st.none() | st.lists(numbers, min_size=1, max_size=1) | st.lists(numbers, min_size=3, max_size=3)
 
 
-@settings(max_examples=40)
+@settings(max_examples=12)
 @given(sections(), starts)
 def test_every_section_is_read_back_equal_from_json_from_toml_and_from_a_pickle(section: Switching, x0):
     problem = Problem(network=NETWORK, coupling="y", switching=section, simulation={"x0": x0})

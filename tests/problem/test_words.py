@@ -1,7 +1,7 @@
 """A problem in words: who listens to whom, who is pinned, who is not reached."""
 
 import networkx as nx
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dobc_design import Exosystem, Network, Observer, Problem
@@ -89,6 +89,7 @@ def build(arcs: list[tuple[int, int]], n: int, gains: dict[int, int] | None = No
     return Problem(network=network, coupling="y", gains=gains)
 
 
+@settings(max_examples=20)
 @given(st.integers(1, 7), st.data())
 def test_closed_groups_are_the_components_that_hear_nobody_else(n, data):
     arcs = data.draw(

@@ -23,6 +23,8 @@ from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.exact.matrix import matrix
 from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.report import pages
+from dobc_design.report.pictures import svg_of
 
 
 def ring_problem(n: int = 10, **changes: Any) -> Problem:
@@ -134,6 +136,24 @@ def make_trajectory(problem: Problem, *, diverged: bool = False) -> Trajectory:
     arrays = {"times": times, "x": x, "xi": xi, "xihat": xi.copy(), "d": d, "dhat": dhat, "u": 0 * x, "goal": goal}
     named = {"name": problem.name, "mode": next(iter(problem.network.modes)), "labels": problem.network.labels}
     return Trajectory(t_final=10.0, seed=3, diverged=diverged, **named, **arrays)
+
+
+@pytest.fixture
+def drawn_only(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Of the pictures of a page only those of these names are drawn; the others are empty."""
+
+    def draw(*names: str) -> None:
+        monkeypatch.setattr(
+            pages, "svg_of", lambda picture: svg_of(picture) if picture.name in names else pages.Fragment("<svg></svg>")
+        )
+
+    return draw
+
+
+@pytest.fixture
+def undrawn(drawn_only: Callable[..., None]) -> None:
+    """The pictures of a page are empty."""
+    drawn_only()
 
 
 @pytest.fixture(scope="session")

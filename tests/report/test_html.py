@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from shown import Page, compare_html, html_report
 
-from dobc_design import Network, Verdict
+from dobc_design import Certificate, Network, Verdict
 from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.report.words import sentence
 
@@ -17,16 +17,29 @@ HOSTILE = "<script>alert('\"&$x_1$')</script>"
 
 
 @pytest.fixture(scope="module")
-def page(everything: dict[str, Any]) -> Page:
-    return Page(html_report(**everything))
+def full(everything: dict[str, Any]) -> str:
+    """A report with all that there is, and with two modes."""
+    return html_report(**everything | {"lambdas": dict.fromkeys(("Ga", "Gb"), everything["lambdas"]["Ga"])})
+
+
+@pytest.fixture(scope="module")
+def region(asked_for: dict[str, Any]) -> str:
+    return html_report(**asked_for)
+
+
+@pytest.fixture(scope="module")
+def comparison(certificate: Certificate, asked_for: dict[str, Any]) -> str:
+    return compare_html(certificate, asked_for["certificate"])
+
+
+@pytest.fixture(scope="module")
+def page(full: str) -> Page:
+    return Page(full)
 
 
 @pytest.fixture(scope="module", params=["full", "region", "comparison"])
-def any_page(request: pytest.FixtureRequest, everything: dict[str, Any], asked_for: dict[str, Any]) -> Page:
-    if request.param == "comparison":
-        return Page(compare_html(everything["certificate"], asked_for["certificate"]))
-    several = {"lambdas": dict.fromkeys(("Ga", "Gb"), everything["lambdas"]["Ga"])}
-    return Page(html_report(**(everything | several if request.param == "full" else asked_for)))
+def any_page(request: pytest.FixtureRequest) -> Page:
+    return Page(request.getfixturevalue(request.param))
 
 
 def test_pages_are_well_formed(any_page: Page):
@@ -60,11 +73,10 @@ def test_pictures_regions_and_tables_have_words_for_those_who_do_not_see_them(an
     assert all(each.get("scope") for each in any_page.having("th"))
 
 
-def test_nothing_comes_from_the_network_and_nothing_runs(everything: dict[str, Any]):
-    text = html_report(**everything)
-    without_names = re.sub(r'xmlns="http://www\.w3\.org/(2000/svg|1998/Math/MathML)"', "", text)
+def test_nothing_comes_from_the_network_and_nothing_runs(full: str):
+    without_names = re.sub(r'xmlns="http://www\.w3\.org/(2000/svg|1998/Math/MathML)"', "", full)
     assert not re.search(r"https?:|(?<!\*)//|@import|url\((?!#)|<script|javascript:|\son\w+=", without_names, re.I)
-    names = {name for name, _ in Page(text).elements}
+    names = {name for name, _ in Page(full).elements}
     assert not names & {"script", "link", "img", "iframe", "object", "embed", "form", "base"}
 
 
@@ -93,6 +105,7 @@ def test_numbers_are_cut_towards_the_weaker_claim(page: Page):
     assert "0.5823" not in page.text
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     ("verdict", "symbol", "words"),
     [
@@ -140,6 +153,7 @@ def test_hostile_names_stay_text(problem_with, certificate_of, analysis_of, traj
     assert any("$\\frac{a}{$" in each for each in page.texts)  # not read as mathematics in a figure
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("exact", [{"bound": "1/0"}, {"bound": 3, "S": "9"}, {"bound": "x" * 9, "S": [["1", "z"], []]}])
 def test_exact_values_that_are_no_numbers_are_left_out(certificate_of, exact: dict[str, Any]):
     """A certificate read from a file may hold anything there."""
@@ -149,12 +163,13 @@ def test_exact_values_that_are_no_numbers_are_left_out(certificate_of, exact: di
     assert "For the P found" not in page.text
 
 
-def test_the_bytes_are_the_same_whatever_style_the_process_has_and_this_is_left_alone(everything: dict[str, Any]):
+def test_the_bytes_are_the_same_whatever_style_the_process_has_and_this_is_left_alone(
+    asked_for: dict[str, Any], region: str
+):
     import matplotlib
 
-    plain = html_report(**everything)
     with matplotlib.rc_context({"font.size": 30, "axes.facecolor": "red", "svg.fonttype": "path"}):
-        assert html_report(**everything) == plain
+        assert html_report(**asked_for) == region
         assert matplotlib.rcParams["font.size"] == 30
 
 
@@ -168,8 +183,12 @@ def test_without_diagnostics_run_and_disturbance_the_page_still_stands(problem_w
     assert "Simulation" not in page.text
 
 
-def test_vector_agents_with_formation_and_exceptions(problem_with, certificate_of, analysis_of, trajectory_of):
+def test_vector_agents_with_formation_and_exceptions(
+    problem_with, certificate_of, analysis_of, trajectory_of, drawn_only
+):
+    drawn_only("network-1", "states-2", "error")
     problem = problem_with(
+        4,
         target=[0, 1],
         coupling=["y1 + y2**3", "tanh(y2)"],
         exosystem=None,
@@ -218,9 +237,9 @@ def _contrast(one: str, other: str) -> float:
     return (high + 0.05) / (low + 0.05)
 
 
-def test_colours_have_the_contrast_that_wcag_aa_asks_for(everything: dict[str, Any]):
+def test_colours_have_the_contrast_that_wcag_aa_asks_for(full: str):
     """4.5 for text, 3 for the lines of figures, in the light and in the dark."""
-    blocks = re.findall(r":root \{(.*?)\}", html_report(**everything), re.DOTALL)
+    blocks = re.findall(r":root \{(.*?)\}", full, re.DOTALL)
     assert len(blocks) == 2
     for block in blocks:
         colour = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block))
@@ -247,6 +266,7 @@ def cured(certificate_of, certificate):
     return certificate_of(checks=tuple(checks), verdict=Verdict.REFUTED, rate=None, covered_by=None)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_main_cure_stands_once_above_the_table_with_its_lines_and_the_command(cured, certificate):
     assert 'id="cure"' not in html_report(certificate)
     page = Page(html_report(cured))

@@ -3,12 +3,16 @@
 from fractions import Fraction
 
 import pytest
+from cycles_cases import CHAIN, CHAINED, DWELL
+from framed import Frames
 from matplotlib.figure import Figure
 
 import dobc_design as dd
 from dobc_design.certificate.certificate import Certificate
+from dobc_design.certificate.text import read_claims
 from dobc_design.conditions.schedule.cycles import Phase, Weights
 from dobc_design.plotting.weights import plot_weights
+from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.report.pictures import error_picture, svg_of, weight_pictures
 from dobc_design.report.write import render_report
 
@@ -50,12 +54,14 @@ def test_the_band_names_every_mode_once_and_names_are_no_mathematics():
 
 @pytest.fixture(scope="module")
 def certificate() -> Certificate:
-    network = dd.Network.from_arcs({"A": [[3, 2]], "B": [[2, 1]]}, arrow="listens_to", agents=3)
-    turns = dd.Switching(guarantee="dwell", dwell=1, longest="1.1")
-    return dd.certify(dd.Problem(name="relay", network=network, coupling="2*y", gains={1: 2}, switching=turns))
+    """Weights by hand: agents 2 and 3 hear the one before, each in one mode; a mode lasts for 1 s."""
+    made = Frames({"relay": (CHAIN, DWELL | {"longest": 1})}, ("reachability", "lemma1"))
+    claims, problem = made.certificate("relay", CHAINED)
+    return Certificate(problem=problem_from_canonical(problem), claims=read_claims(claims))
 
 
-def test_the_report_draws_weights_and_two_runs_below_the_bound(certificate: Certificate):
+def test_the_report_draws_weights_and_two_runs_below_the_bound(certificate: Certificate, drawn_only):
+    drawn_only("error")
     (picture,) = weight_pictures(certificate)
     assert "one round of 2 phases" in picture.alt
     page = render_report(certificate)["report.html"].decode()

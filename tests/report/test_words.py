@@ -81,13 +81,14 @@ def test_weights_and_undirected_arcs_are_said_in_words(problem_with):
     assert pin_sentence(problem) == "No agent is pinned."
 
 
-def test_a_proof_under_a_guarantee_says_for_which_signals_it_holds():
+def test_a_proof_under_a_guarantee_says_for_which_signals_it_holds(drawn_only):
     """Two agents, the second hears the first every other second: nothing is said about arbitrary switching."""
     network = Network.from_arcs({"A": [[2, 1]], "B": []}, arrow="listens_to", agents=2)
     turns = Switching(guarantee="sequence", sequence=["A", "B"], dwell=1)
     certificate = certify(Problem(network=network, coupling="y", gains={1: 1}, switching=turns))
     assert certificate.covered_by == "schedule"
     assert "for the signal A for 1 s, B for 1 s, over and over" in certificate.reason
+    drawn_only("network-2", "spectrum-loop")  # a mode without arcs, and real eigenvalues
     text = render_report(certificate)["report.md"].decode()
     assert "It holds for the signal A for 1 s, B for 1 s, over and over." in text
     assert "arbitrarily fast" not in text

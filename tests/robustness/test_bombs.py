@@ -9,14 +9,17 @@ import zipfile
 from itertools import pairwise
 from pathlib import Path
 
+import clarabel
 import numpy as np
 import pytest
 
 import dobc_design as dd
+from dobc_design.certification import certify as certification
 from dobc_design.errors import SpecError
 from dobc_design.importing.grids import merged, read_matpower
 from dobc_design.problem.arrays import require_floats
 from dobc_design.report.write import render_report
+from dobc_design.solvers.conic import Cone, solve_cones
 from dobc_design.sweeps.plan import Task, make_plan
 from dobc_design.sweeps.result import SweepResult, _cell, _is_line
 
@@ -162,16 +165,11 @@ def test_a_million_dots_and_a_million_joined_buses_are_read_in_linear_time():
     assert set(merged(labels, list(pairwise(labels))).values()) == {"0"}
 
 
-def test_help_shows_brackets_and_colons_as_they_are_typed():
+def test_help_shows_brackets_and_colons_as_they_are_typed(command_line, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setenv("TERM", "dumb")
     for command, typed in (("sweep", "KEY=1:100:5:log"), ("simulate", "[switching]")):
-        done = subprocess.run(
-            [sys.executable, "-m", "dobc_design", command, "--help"],
-            capture_output=True,
-            check=False,
-            timeout=120,
-            env=os.environ | {"COLUMNS": "200", "TERM": "dumb"},
-        )
-        assert typed in done.stdout.decode()
+        assert typed in command_line(command, "--help").out
 
 
 @pytest.mark.slow
@@ -193,17 +191,38 @@ def test_a_cell_of_csv_is_no_formula_and_numbers_stay_numbers():
     assert [_cell(x) for x in ("-1.5", -1.5, "y", True, None, "+3")] == ["-1.5", -1.5, "y", "true", None, "+3"]
 
 
+WIDE = {"initial_states": [-1, "1e400"]}
+
+
 @pytest.mark.parametrize(
-    ("weight", "region", "verdict"),
-    [("1e400", None, "proved"), (1, {"initial_states": [-1, "1e400"]}, "undecided")],  # both agents are reached
+    ("weight", "region", "verdict", "stages"),
+    [
+        ("1e400", None, "proved", 4),  # both agents are reached
+        (1, WIDE, "undecided", 1),
+        pytest.param(1, WIDE, "undecided", 4, marks=pytest.mark.slow),
+    ],
 )
-def test_numbers_beyond_floats_have_a_verdict_and_a_report(weight, region, verdict):
+def test_numbers_beyond_floats_have_a_verdict_and_a_report(weight, region, verdict, stages: int, monkeypatch):
+    """``stages``: so many of those of the region, of which the first asks for a box, the second for an ellipsoid."""
+    monkeypatch.setattr("dobc_design.certification.certify.STAGES", certification.STAGES[:stages])
     network = dd.Network.from_arcs({"G": [[1, 2, weight], [2, 1]]}, arrow="listens_to")
     certificate = dd.certify(dd.Problem(network=network, coupling="y + tanh(y)", gains={"1": 1}, region=region))
     assert {"report.html", "report.md"} <= render_report(certificate).keys()
     assert certificate.verdict.value == verdict
 
 
+def test_cliques_are_merged_with_their_parents_alone(monkeypatch):
+    """The other way of Clarabel 0.11.1 takes all memory for some small programs."""
+    told = []
+    solver = clarabel.DefaultSolver
+    monkeypatch.setattr(clarabel, "DefaultSolver", lambda *given: told.append(given[-1]) or solver(*given))
+    square = Cone("semidefinite", np.array([[-1.0], [0.0], [-1.0]]), np.array([-2.0, 0.0, -2.0]))  # x I - 2 I >= 0
+    found = solve_cones(np.array([1.0]), [square])
+    assert found.x == pytest.approx([2.0], abs=1e-6)
+    assert [settings.chordal_decomposition_merge_method for settings in told] == ["parent_child"]
+
+
+@pytest.mark.slow
 def test_a_small_program_does_not_take_all_memory():
     """Clarabel 0.11.1 merged cliques without an end for the pins of these five modes of 19 agents."""
     tests = Path(__file__).resolve().parents[1]

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from loops import ring, simulate, simulate_many
+from loops import HARMONIC, ring, simulate, simulate_many
 from side_by_side import EVERYTHING
 from side_by_side import planar as drawn_planar
 
@@ -33,29 +33,29 @@ CASES = {
 def test_runs_side_by_side_are_the_runs_one_by_one(name: str):
     """Errors and estimates at every sample, by two integrators with one tolerance."""
     problem, signal = CASES[name]
-    given = {"signal": signal, "t_final": 5.0, "samples": 57, "tolerance": 1e-11}
-    many = simulate_many(problem, runs=7, seed=3, **given)
-    assert many.seeds.tolist() == list(range(3, 10))
-    for k in range(7):
+    given = {"signal": signal, "t_final": 1.2, "samples": 15, "tolerance": 1e-11}
+    many = simulate_many(problem, runs=3, seed=3, **given)
+    assert many.seeds.tolist() == list(range(3, 6))
+    for k in range(3):
         one = simulate(problem, seed=3 + k, **given)
         np.testing.assert_allclose(many.error[k], one.error(), atol=1e-9)
         np.testing.assert_allclose(many.estimation_error[k], one.estimation_error(), atol=1e-12)
         np.testing.assert_allclose(many.states[k : k + 1], one.x[None][: len(many.states[k : k + 1])], atol=1e-9)
         assert many.switches[k] == len(one.switches) - 1
     assert many.method == "DOP853, side by side"
-    assert len({tuple(row) for row in many.error.tolist()}) == 7
+    assert len({tuple(row) for row in many.error.tolist()}) == 3
 
 
 @pytest.mark.parametrize("stress", [None, EVERYTHING, replace(EVERYTHING, exchange=None, period=0.05)])
 def test_chunks_do_not_change_the_runs(monkeypatch, stress: Stress | None):
     problem, signal = CASES["planar, random stays"]
-    given = {"runs": 10, "signal": signal, "t_final": 0.6, "samples": 13, "stress": stress}
+    given = {"runs": 4, "signal": signal, "t_final": 0.6, "samples": 7, "stress": stress}
     whole = simulate_many(problem, **given)
     monkeypatch.setattr(runs, "COLUMN_NUMBERS", 18)  # three runs of 3 agents with 2 components
     parts: list[float] = []
     chunked = simulate_many(problem, progress=parts.append, **given)
     np.testing.assert_allclose(chunked.error, whole.error, rtol=1e-6, atol=1e-8)
-    assert parts == (sorted(parts) if stress else [0.0, 0.3, 0.6, 0.9, 1.0])
+    assert parts == (sorted(parts) if stress else [0.0, 0.75, 1.0])
     assert parts[-1] == 1.0
 
 
@@ -67,7 +67,7 @@ def unstable_beyond_one() -> Problem:
 
 def test_runs_that_escape_are_named_and_the_others_go_on():
     """e' = e^3 - e with e = x1 - x2: blow-up iff |e(0)| > 1, at t = -ln(1 - e(0)^-2) / 2."""
-    many = simulate_many(unstable_beyond_one(), runs=60, t_final=4.0)
+    many = simulate_many(unstable_beyond_one(), runs=60, t_final=4.0, tolerance=1e-6)
     starts = make_setting(unstable_beyond_one(), gain=None).starts
     gap = np.abs([np.diff(starts.draw(seed).x[:, 0])[0] for seed in range(60)])
     assert many.diverged.tolist() == (gap > 1 / np.sqrt(1 - np.exp(-8))).tolist()
@@ -90,7 +90,7 @@ def test_a_run_that_escapes_counts_the_switches_until_then():
     """Two modes that are the same, every 0.03 s."""
     network = Network.from_arcs({"a": [[1, 2]], "b": [[1, 2]]}, arrow="listens_to", agents=2)
     problem = Problem(network=network, coupling="y - y**3", region={"initial_states": [0, 2]})
-    many = simulate_many(problem, runs=12, signal=Periodic(dwell=0.03), t_final=1.0, samples=5)
+    many = simulate_many(problem, runs=12, signal=Periodic(dwell=0.03), t_final=1.0, samples=5, tolerance=1e-6)
     assert 0 < many.diverged.sum() < 12
     np.testing.assert_array_equal(many.switches, np.ceil(many.ended / 0.03 - 1e-9) - 1)
 
@@ -112,12 +112,12 @@ def test_runs_that_need_too_many_steps_are_made_alone(monkeypatch, stress: Stres
     ("problem", "given", "reason"),
     [
         (drawn_planar(), {"signal": Mobile(radius=1.0)}, "every run has graphs of its own"),
-        (load_problem("paper-fixed"), {"gain": [[2e6], [1]]}, "too fast for its closed|the loop is stiff"),
-        (ring("y", 6, gains=10**6), {}, "the loop is stiff"),
+        (ring(n=3, exosystem=HARMONIC), {"gain": [[2e6], [1]]}, "too fast for its closed|the loop is stiff"),
+        (ring("y", 2, gains=10**6), {}, "the loop is stiff"),
     ],
 )
 def test_what_cannot_be_stacked_is_made_one_by_one_and_said(problem, given, reason: str, stress: Stress | None):
-    given |= {"t_final": 0.1, "samples": 3, "stress": stress}
+    given |= {"t_final": 0.06, "samples": 3, "stress": stress, "tolerance": 1e-4}
     many = simulate_many(problem, runs=2, **given)
     assert any(re.search(reason, note) for note in many.notes)
     assert many.error[1].tolist() == simulate(problem, seed=1, **given).error().tolist()

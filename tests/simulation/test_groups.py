@@ -63,7 +63,7 @@ def by_hand(start: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("observer", ["closed-form", "full-loop"])
 def test_a_run_is_that_of_the_loop_written_out_agent_by_agent(problem, observer):
-    run = dd.simulate(problem, observer=observer, start=[[2.0], [-1.0], [0.5]])
+    run = dd.simulate(problem, observer=observer, start=[[2.0], [-1.0], [0.5]], t_final=3, samples=31)
     assert np.abs(run.x[:, :, 0] - by_hand(run.x[0, :, 0], run.times)).max() < 1e-7
     assert np.array_equal(run.xi[0], [[1, 0.5, 0, 0, 0], [0, 0, 0.3, -0.2, 1], [-1, 2, 0, 0, 0]])
     assert not run.xi[:, 0, 2:].any()

@@ -83,9 +83,9 @@ def test_without_hysteresis_a_graph_may_chatter_and_that_is_said():
     """Linked agents repel and single ones, pinned at 0, attract: a sliding motion at distance 1."""
     problem = alone(2, coupling="-2*y", gains=1)
     with pytest.raises(SpecError, match="it chatters") as caught:
-        simulate(problem, signal=Mobile(radius=1), start=[[1], [-1]], t_final=5.0, tolerance=1e-6)
+        simulate(problem, signal=Mobile(radius=1), start=[[1], [-1]], t_final=2.0, tolerance=1e-6)
     assert "hysteresis" in caught.value.cure
-    calm = simulate(problem, signal=Mobile(radius=1, hysteresis=0.5), start=[[1], [-1]], t_final=5.0)
+    calm = simulate(problem, signal=Mobile(radius=1, hysteresis=0.5), start=[[1], [-1]], t_final=5.0, tolerance=1e-6)
     assert 3 < len(calm.switches) < 100
 
 

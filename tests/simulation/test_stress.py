@@ -59,9 +59,9 @@ def test_the_discretised_observer_lies_in_its_exact_enclosure():
 def test_between_samples_a_held_loop_follows_its_integral():
     """At any time x = x_k + (t - t_k) v_k + int d: the speed less d is constant."""
     run = simulate(
-        dd.load_problem("paper-fixed"), t_final=1, samples=20_001, stress=Stress(period=0.25, disturbance=0.3)
+        dd.load_problem("paper-fixed"), t_final=0.5, samples=2001, stress=Stress(period=0.25, disturbance=0.3)
     )
-    t, inside = run.times, slice(5001, 9999)  # within the second period
+    t, inside = run.times, slice(1001, 1999)  # within the second period
     speed = np.gradient(run.x[inside, 0, 0], t[inside])
     rest = (speed - run.d[inside, 0, 0])[2:-2]
     assert np.ptp(rest) < 1e-5
@@ -95,7 +95,7 @@ def test_links_that_stay_keep_what_was_heard_and_new_ones_hold_nothing():
     assert second.felt(np.zeros((3, 1, 1)), values).ravel().tolist() == [0, 30, 0]
 
 
-@pytest.mark.parametrize("period", [None, 0.001])
+@pytest.mark.parametrize("period", [None, 0.004])
 def test_a_vanished_agent_drifts_and_is_heard_by_nobody(period: float | None):
     """Agent 2 is held at 0 by k = 2 until it vanishes at 1 s; then x_2' = d = 1, and agent 1, free, stays."""
     problem = pair(gains={"2": 2}, exosystem=dd.Exosystem(A=[[0]], C=[[1]]), observer=dd.Observer(W=[[5]]))
@@ -121,11 +121,9 @@ def test_a_frozen_agent_keeps_its_input_and_what_others_hear_of_it():
 @pytest.mark.parametrize("stress", [Stress(saturation=0.5), Stress(period=0.02, loss=0.2), Stress(loss=0.2)], ids=str)
 def test_moving_agents_can_be_stressed(stress: Stress):
     network = dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=6)
-    problem = dd.Problem(network=network, coupling="y", target=[0, 0], gains={"1": 1})
+    problem = dd.Problem(network=network, coupling="y", target=[0, 0], gains=1)
     start = np.random.default_rng(2).uniform(-1, 1, size=(6, 2))
-    run = simulate(
-        problem, signal=dd.signals.Mobile(radius=1.2, hysteresis=0.1), start=start, t_final=20, stress=stress
-    )
+    run = simulate(problem, signal=dd.signals.Mobile(radius=1.2, hysteresis=0.1), start=start, t_final=4, stress=stress)
     assert len(run.switches) > 1
     assert run.final_error < 0.05
 
@@ -133,7 +131,7 @@ def test_moving_agents_can_be_stressed(stress: Stress):
 @pytest.mark.parametrize("stress", [Stress(period=0.4), Stress(saturation=0.01, disturbance=2.0, frequency=0)], ids=str)
 def test_a_stressed_run_that_fails_keeps_what_is_valid(stress: Stress):
     problem = dd.load_problem("paper-fixed")
-    region = simulate(problem, start=np.arange(10.0), stress=stress)
+    region = simulate(problem, start=np.arange(10.0), stress=stress, t_final=20 if stress.period else 5)
     if stress.period:
         assert region.diverged
         assert "overflows" in region.reason or "exceeded" in region.reason

@@ -93,7 +93,7 @@ class Program:
         self.code = dd.export.to_c(problem, period=period, precision=precision)
         write_all(self.code.files, folder)
         (folder / "harness.c").write_text(HARNESS)
-        command = ["gcc", *STRICT, *SANITIZED, "dobc_agent.c", "harness.c", "-o", "harness", "-lm"]
+        command = ["gcc", *STRICT, "-O0", *SANITIZED, "dobc_agent.c", "harness.c", "-o", "harness", "-lm"]
         subprocess.run(command, cwd=folder, check=True, timeout=120)
         self.folder, self.m, self.p = folder, problem.m, problem.inputs
         self.place = int(re.search(rb"VECTOR_AGENT (\d+)", self.code.files["vectors.h"])[1])

@@ -121,9 +121,10 @@ def write_all(files: Mapping[str, bytes], folder: Path) -> Path:
     return folder
 
 
-def compile_and_test(folder: Path, *, library: bool = True) -> subprocess.CompletedProcess[str]:
+def compile_and_test(folder: Path, *, library: bool = True, level: str = "-O0") -> subprocess.CompletedProcess[str]:
     """Compile the folder of an export under strict warnings and run its self-test, all accesses watched."""
-    command = ["gcc", *STRICT, *SANITIZED, "dobc_agent.c", "main.c", "-o", "selftest", *(["-lm"] if library else [])]
+    options = [*STRICT, level, *SANITIZED]
+    command = ["gcc", *options, "dobc_agent.c", "main.c", "-o", "selftest", *(["-lm"] if library else [])]
     done = subprocess.run(command, cwd=folder, capture_output=True, check=False, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     quiet = os.environ | {"ASAN_OPTIONS": "detect_leaks=0"}  # looking for leaks needs ptrace, and there is no heap

@@ -13,7 +13,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from certified import certified
+from certified import certified, consensus_claims
 from exact_oracle import Oracle, eye, kron, negative_definite, positive_definite, times
 from mutants import claim, mutate
 from random_problems import badly_scaled_problem, random_linear_problem, random_problem
@@ -142,7 +142,7 @@ def _reducible(seed: int) -> Problem:
 
 def _near_boundary_pair(problem: Problem, r: Random, oracle: Oracle) -> Pair:
     """A pair scaled to lie a little on this or that side of where Psi < 0 begins to hold; sometimes any pair."""
-    own = certify(problem).claims
+    own = consensus_claims(problem)
     if own.P is None or own.Q is None or r.random() < 0.15:
         q, m = problem.q, problem.m
         P = [[Fraction(r.randint(-2, 4)) for _ in range(q)] for _ in range(q)]

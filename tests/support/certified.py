@@ -9,14 +9,14 @@ import os
 import pickle
 import time
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import pytest
 
-from dobc_design import Certificate, Problem, certify
+from dobc_design import Certificate, Problem, certify, load_problem
 from dobc_design.certificate.claims import Claims
 from dobc_design.certification import certify as certification
 from dobc_design.problem.canonical import canonical_bytes
@@ -62,10 +62,11 @@ def made_once(key: str, make: Callable[[], Any]) -> Any:
 
 def certified(problem: Problem | str, *, everything: bool = False, settling: object = None) -> Certificate:
     """What ``certify`` gives, of a built-in problem or another one."""
+    problem = load_problem(problem)
     key = (problem, everything, settling)
     if key not in MADE:
-        text = problem if isinstance(problem, str) else canonical_bytes(problem).decode()
-        make = lambda: certify(problem, everything=everything, settling=settling)  # noqa: E731
+        text = canonical_bytes(problem).decode()
+        make = partial(certify, problem, everything=everything, settling=settling)
         MADE[key] = made_once(f"certificate {everything} {settling} {text}", make)
     return MADE[key]
 

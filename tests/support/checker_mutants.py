@@ -80,7 +80,7 @@ class Watched:
                 watched = ast.parse(f"_seen({here}, {accepting}, _asked({here}), 0)", mode="eval").body
                 watched.args[-1] = node  # type: ignore[attr-defined]
                 replace(watched)
-            changed[file] = compile(ast.fix_missing_locations(tree), file, "exec")
+            changed[file] = compile(ast.fix_missing_locations(tree), str(FOLDER / f"{file}.py"), "exec")
         self._open: Counter[tuple[str, int]] = Counter()
         self._rejected: set[tuple[str, int]] = set()
         self.module = _examiner("watched", changed, _asked=self._asked, _seen=self._seen)
@@ -107,15 +107,26 @@ def _compiled(file: str) -> CodeType:
     return compile(SOURCES[file], file, "exec")
 
 
+@cache
+def _unchanged() -> ModuleType:
+    """The package as it is, by another name: files before a changed one are taken from here."""
+    _examiner("unchanged", {})
+    return sys.modules["unchanged"]
+
+
 def _examiner(package: str, changed: dict[str, CodeType], **names: object) -> ModuleType:
     """The module that examines, in a package of this name with some files changed and some names in each."""
     modules = {"": ModuleType(package)}
     modules[""].__path__, sys.modules[package] = [], modules[""]
-    for file in FILES:
+    first = min(map(FILES.index, changed), default=0)
+    for place, file in enumerate(FILES):
         name = f"{package}.{file}"
-        modules[file] = sys.modules[name] = ModuleType(name)  # where dataclasses and relative imports look them up
-        modules[file].__dict__.update(__package__=package, __file__=str(FOLDER / f"{file}.py"), **names)
-        exec(changed.get(file) or _compiled(file), modules[file].__dict__)  # noqa: S102 - our own source
+        if place < first:
+            modules[file] = sys.modules[name] = getattr(_unchanged(), file)
+        else:
+            modules[file] = sys.modules[name] = ModuleType(name)  # where dataclasses and relative imports look them up
+            modules[file].__dict__.update(__package__=package, __file__=str(FOLDER / f"{file}.py"), **names)
+            exec(changed.get(file) or _compiled(file), modules[file].__dict__)  # noqa: S102 - our own source
         setattr(modules[""], file, modules[file])
     return modules["examine"]
 

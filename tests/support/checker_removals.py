@@ -1,6 +1,6 @@
 """One check of the lone checker taken away at a time, and the case that notices it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 
 from accuracy_cases import accuracy_cases
@@ -16,17 +16,22 @@ from region_cases import region_cases
 from tube_cases import tube_cases
 from weighted_cases import weighted_cases
 
-MORE = (tube_cases, weighted_cases, margins_cases, accuracy_cases, cycles_cases, graphs_cases, dynamics_cases)
+EVERY = (
+    *(cases, region_cases, quadratic_cases, groups_cases, tube_cases, weighted_cases, margins_cases, accuracy_cases),
+    *(cycles_cases, graphs_cases, dynamics_cases),
+)
 #: The cases to try first.
-FIRST = {
-    "separable": region_cases,
-    "margins": margins_cases,
-    "accuracy": accuracy_cases,
-    "quadratic": quadratic_cases,
-    "schedule": tube_cases,
-    "cycles": cycles_cases,
-    "graphs": graphs_cases,
-    "coordinates": dynamics_cases,
+FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {
+    "files": (dynamics_cases,),
+    "consensus": (dynamics_cases, cases),
+    "separable": (region_cases,),
+    "margins": (margins_cases, dynamics_cases),
+    "accuracy": (accuracy_cases,),
+    "quadratic": (quadratic_cases,),
+    "schedule": (tube_cases, cycles_cases),
+    "cycles": (cycles_cases,),
+    "graphs": (graphs_cases,),
+    "coordinates": (dynamics_cases, region_cases),
 }
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT = {
@@ -64,23 +69,27 @@ def _watched() -> Watched:
     return Watched()
 
 
-@cache
-def _failing(cases: Callable[[], list[Case]]) -> dict[tuple[str, int], list[Case]]:
-    """For each check the cases in which it does not pass: no other case can notice that it is gone."""
-    found: dict[tuple[str, int], list[Case]] = {}
-    for case in cases():
-        outcome(_watched().module.examine, _watched().module.Refused, case)
-        for place in _watched().failed():
-            found.setdefault(place, []).append(case)
-    return found
+#: Of each file of cases those that were watched: the checks that do not pass.
+_SEEN: dict[Callable[[], list[Case]], list[set[tuple[str, int]]]] = {}
+
+
+def _failing(cases: Callable[[], list[Case]], place: tuple[str, int]) -> Iterator[Case]:
+    """The cases in which this check does not pass: no other case can notice that it is gone.  Each is watched once,
+    and not before it is asked for."""
+    seen = _SEEN.setdefault(cases, [])
+    for k, case in enumerate(cases()):
+        if k == len(seen):
+            outcome(_watched().module.examine, _watched().module.Refused, case)
+            seen.append(_watched().failed())
+        if place in seen[k]:
+            yield case
 
 
 def noticed_by(removal: Removal) -> str | None:
     """The first case that comes out differently: accepted, with another exit code, or with a traceback."""
     module = without(removal)
-    first = FIRST.get(removal.file, cases)
-    for some in dict.fromkeys((first, cases, region_cases, quadratic_cases, groups_cases, *MORE)):
-        for case in _failing(some).get((removal.file, removal.place), []):
+    for some in dict.fromkeys((*FIRST.get(removal.file, ()), *EVERY)):
+        for case in _failing(some, (removal.file, removal.place)):
             if outcome(module.examine, module.Refused, case) != case.code:
                 return case.name
     return None

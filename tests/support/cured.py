@@ -9,12 +9,15 @@ from typing import Any
 
 import networkx as nx
 import numpy as np
+import pytest
 from campaigns import Tally, a_problem, closed_loop
+from certified import consensus_claims
 from exact_oracle import Oracle, form
 from linked import linked
 
-from dobc_design import Exosystem, Problem, Verdict, certify, verify
+from dobc_design import Certificate, Exosystem, Problem, Verdict, certify, verify
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification import certify as certification
 from dobc_design.conditions.check import main_cure
 from dobc_design.problem.changes import changed_file, problem_text
 from dobc_design.problem.load import read_problem_text
@@ -26,14 +29,21 @@ def cured(problem: Problem, changes: Any) -> Problem:
     return read_problem_text(text.encode("utf-8"), folder=Path(), default_name=problem.name)
 
 
+def with_cures(problem: Problem, *, progress: Any = None) -> Certificate:
+    """What ``certify`` gives, but for the stages of the region."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(certification, "region_checks", lambda *arguments, **options: [])
+        return certify(problem, progress=progress)
+
+
 def theorem_holds(problem: Problem) -> bool:
     """Theorem 1 or 2, with weights or without, or Lemma 1 without an exosystem, proved for the problem as it stands."""
-    certificate = certify(problem)
-    if _by_weights(certificate):
-        return verify(certificate, problem).holds
+    claims = consensus_claims(problem)
+    if _by_weights(claims):
+        return verify(claims, problem).holds
     ids = ("lemma1",) if problem.exosystem is None else ("theorem1", "theorem2")
-    own = [check.verdict for check in certificate.checks if check.id in ids]
-    return bool(own) and all(verdict is Verdict.PROVED for verdict in own) and verify(certificate, problem).holds
+    own = [check.verdict for check in claims.checks if check.id in ids]
+    return bool(own) and all(verdict is Verdict.PROVED for verdict in own) and verify(claims, problem).holds
 
 
 def _by_weights(certificate: Any) -> bool:

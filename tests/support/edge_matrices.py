@@ -4,7 +4,7 @@ H H = n I, so these are the eigenvalues. One is tiny or 0, the others are 1/4, 1
 entries are exact as doubles are given, so that floating point is asked the same question.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from random import Random
 
@@ -47,11 +47,13 @@ def with_eigenvalues(eigenvalues: list[Fraction]) -> np.ndarray | None:
     return floats if exact else None
 
 
-def edge_matrices(sizes: tuple[int, ...], *, seed: int, repeats: int) -> Iterator[tuple[Fraction, np.ndarray]]:
+def edge_matrices(
+    sizes: tuple[int, ...], *, seed: int, repeats: int, powers: Sequence[int] = POWERS
+) -> Iterator[tuple[Fraction, np.ndarray]]:
     """The tiny eigenvalue and the matrix: 0 and +-2^-28 to +-2^-47 in turn, ``repeats`` times for every size."""
     r = Random(seed)
     for size in sizes:
-        for power in POWERS:
+        for power in powers:
             for sign in (-1, 0, 1) * repeats:
                 small = sign * Fraction(1, 2**power)
                 matrix = edge_matrix(size, small, r)

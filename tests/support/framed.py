@@ -6,11 +6,14 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
+import pytest
 from certified import consensus_claims
 from checker_cases import FAILS, Case, Document
 
 from dobc_design import Problem, Switching
+from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification import certify as certification
 from dobc_design.problem.canonical import canonical_bytes
 
 
@@ -23,22 +26,32 @@ def bent(check: Document, **changes: Any) -> Document:
     return copied
 
 
+@cache
+def _unweighted(problem: Problem) -> Claims:
+    """What is claimed of the consensus, without searching for weights of agents."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(certification, "weighted_stage", lambda *given, **options: [])
+        return consensus_claims.__wrapped__(problem)
+
+
 class Frames:
     """``settings``: by name a problem and its [switching]; ``known``: ids of what is kept of the rest."""
 
     def __init__(self, settings: dict[str, tuple[Document, Document]], known: tuple[str, ...]) -> None:
         self._settings, self._known = settings, known
-        self.frame = cache(self._frame)
+        self.frame, self.problem = cache(self._frame), cache(self._problem)
 
     def _frame(self, name: str) -> bytes:
         """What is found without the [switching], less what it says of regions."""
-        document = json.loads(certificate_bytes(consensus_claims(Problem(**self._settings[name][0]))))
+        problem = Problem(**self._settings[name][0])
+        weighted = any(each.endswith("weighted") for each in self._known)
+        document = json.loads(certificate_bytes((consensus_claims if weighted else _unweighted)(problem)))
         document["checks"] = [each for each in document["checks"] if each["id"] in self._known]
         if document["verdict"] == "proved" and document["covered_by"] not in self._known:
             document |= {"verdict": "undecided", "rate": None, "covered_by": None}
         return json.dumps(document).encode()
 
-    def problem(self, name: str) -> bytes:
+    def _problem(self, name: str) -> bytes:
         own, turns = self._settings[name]
         return canonical_bytes(Problem(**own, switching=Switching(**turns)))
 

@@ -6,12 +6,13 @@ from functools import cache
 from typing import Any
 
 import sympy as sp
+from certified import certified, consensus_claims
 from checker_cases import FAILS, HOLDS, NOTHING, OPEN, UNREADABLE, Case, Document, about, bare, bend, network, scalar
 from linked import linked
 from quadratic_cases import quadratic
 from region_cases import claim
 
-from dobc_design import Exosystem, Group, Observer, Problem, certify
+from dobc_design import Exosystem, Group, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 
@@ -53,8 +54,12 @@ def problems() -> dict[str, Problem]:
 
 @cache
 def _originals() -> dict[str, tuple[bytes, bytes]]:
-    every = problems().items()
-    return {name: (certificate_bytes(certify(each).claims), canonical_bytes(each)) for name, each in every}
+    """What `certify` says of the region, and of the others about the consensus alone."""
+    found = {}
+    for name, problem in problems().items():
+        claims = certified(problem).claims if name == "region" else consensus_claims(problem)
+        found[name] = certificate_bytes(claims), canonical_bytes(problem)
+    return found
 
 
 @cache
@@ -209,7 +214,7 @@ def _bent_problems() -> Iterator[Case]:
 def _alone() -> Case:
     """One group of all agents: a certificate of the plain problem with the group's name on its checks."""
     same = Problem(network=network(), coupling="y", gains=1, exosystem=scalar(0), observer=Observer(W=[[2]]))
-    certificate, problem = json.loads(certificate_bytes(certify(same).claims)), json.loads(canonical_bytes(same))
+    certificate, problem = json.loads(certificate_bytes(consensus_claims(same))), json.loads(canonical_bytes(same))
     for each in certificate["checks"]:
         each.update({"group": "1"} if each["id"] in ("observability", "detectability", "hurwitz") else {})
     problem["exosystem"] = {"groups": [problem["exosystem"] | {"agents": [0, 1], "W": [["2"]], "P": None}]}

@@ -1,6 +1,6 @@
 """Agents with linear dynamics: known answers, random ones, and the matrix of the whole loop written out by hand."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from random import Random
@@ -116,7 +116,7 @@ def judged(seeds: range) -> Tally:
     return tally
 
 
-def riccati_agents(seeds: range, *, part: float | None = None) -> Iterator[Problem]:
+def riccati_agents(seeds: Iterable[int], *, part: float | None = None) -> Iterator[Problem]:
     """Trees with couplings kappa B'R of unstable agents, from A'R + R A - R B B'R + I = 0.  The eigenvalues of M are
     whole numbers >= 1, so that the bound of theory, 2 kappa c > 1 for some c < 1, holds for kappa = 11/20.  ``part``:
     of the least kappa for which every A - mu kappa B B'R is stable from there on."""

@@ -1,13 +1,14 @@
-"""Tolerances and inputs for the lone checker: certificates of one agent that `certify` makes, and just-false twins."""
+"""Tolerances and inputs for the lone checker: certificates that `certify` makes, and just-false twins."""
 
 import hashlib
 import json
 from functools import cache
 from typing import Any
 
-from checker_cases import FAILS, HOLDS, UNREADABLE, Case
+from certified import certified
+from checker_cases import FAILS, HOLDS, UNREADABLE, Case, scalar
 
-from dobc_design import Network, Observer, Problem, certify
+from dobc_design import Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem, harmonics
@@ -15,8 +16,9 @@ from dobc_design.problem.exosystems import Exosystem, harmonics
 REGION = {"initial_states": [-1, 1]}
 SEEN = {"exosystem": harmonics([2]), "observer": Observer(W=[["16/5"], ["12/5"]])}
 WIDE = {"actuators": {"amplitude": 9}, "region": REGION | {"initial_disturbance": "1/2"}}
-THREE = Exosystem(A=[[0, 2, 0], [-2, 0, 1], [0, 0, 0]], C=[[1, 0, 0]])
-RISING = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
+#: Observers with two poles at -1; A^2 is diag(-2, -1) and more, and 0.
+SWELLING = {"exosystem": Exosystem(A=[[0, 2], [-1, 1]], C=[[1, 0]]), "observer": Observer(W=[[3], [1]])}
+RISING = {"exosystem": Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]]), "observer": Observer(W=[[2], [1]])}
 
 
 def one(**more: Any) -> Problem:
@@ -24,9 +26,14 @@ def one(**more: Any) -> Problem:
     return Problem(**{"network": network, "coupling": "sinh(y)", "gains": {1: 3}, "target": 0} | more)
 
 
+@cache
+def _made(problem: Problem) -> tuple[bytes, bytes]:
+    return canonical_bytes(problem), certificate_bytes(certified(problem).claims)
+
+
 def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, without: str = "", **changes: Any) -> Case:
     """The certificate with other parts of a check or of ``exact``; ``limit``, ``table``: other [actuators] and xi0."""
-    document, claims = json.loads(canonical_bytes(problem)), json.loads(certificate_bytes(certify(problem).claims))
+    document, claims = map(json.loads, _made(problem))
     check = next(each for each in claims["checks"] if each["id"] == id)
     for key, value in changes.items():
         place = document["actuators"] if key == "limit" else check if key in ("rate", "domain") else check["exact"]
@@ -48,9 +55,9 @@ def margins_cases() -> list[Case]:
     """All of them, the good ones first."""
     table = {"weights": "1/10", "gains": "1/10"}
     near, seen = one(uncertainty=table, region=REGION), one(uncertainty=table, **SEEN)
-    unknown = two(
-        uncertainty={"weights": "1/1000", "known_to_agents": False}, coupling="tanh(y)", **SEEN, region=WIDE["region"]
-    )
+    fast = {"exosystem": scalar(0), "observer": Observer(W=[[4]]), "gains": 3}
+    loose = {"weights": "1/1000", "known_to_agents": False}
+    unknown = two(uncertainty=loose, coupling="y + y**3/9", **fast, region=REGION | {"initial_disturbance": "1/10"})
     kinked = one(uncertainty=table, region=REGION, coupling="y + abs(y)/2")
     limited = one(region=REGION, actuators={"limit": 9})
     start = [["1/2", "1/2"]]
@@ -79,8 +86,8 @@ def margins_cases() -> list[Case]:
         bent(limited, "actuators", inputs={"1": "2"}),
         bent(limited, "actuators", inputs={"1": "10"}),
         bent(one(**SEEN, **WIDE), "actuators", table=[["1"]], inputs={"1": "90"}),
-        bent(one(exosystem=THREE, **WIDE), "actuators", table=[["1", "0", "1"]], inputs={"1": "90"}),
-        bent(one(exosystem=RISING, **WIDE), "actuators", table=[["1", "1"]], inputs={"1": "90"}),
+        bent(one(**SWELLING, **WIDE), "actuators", table=[["1", "0"]], inputs={"1": "9000"}),
+        bent(one(**RISING, **WIDE), "actuators", table=[["1", "1"]], inputs={"1": "9000"}),
     ]
 
 

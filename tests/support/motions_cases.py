@@ -18,7 +18,12 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import pytest
+from certified import made_once
+
 from dobc_design import Certificate, Exosystem, Group, Network, Problem, certify
+from dobc_design.certification import certify as certification
+from dobc_design.conditions.separable import stage as separable_room
 from dobc_design.errors import SpecError
 from dobc_design.export.rocq import motions
 from dobc_design.export.rocq.motions import Part, Rows, motions_proof
@@ -73,6 +78,13 @@ def problems() -> dict[str, Problem]:
             gains={1: 3, 2: "1/2"},
             region={"initial_states": [-2, 2]},
         ),
+        "bent": Problem(  # the same kinds of arcs, in few pieces
+            network=listens([[2, 1], [1, 2, "1/2"], [3, 2]], 3),
+            coupling="y*exp((1 - y**2)/2)",
+            exceptions={(0, 1): "-tanh(y)/4", (2, 1): "y/(1 + y**2/9)"},
+            gains={1: 3, 2: 3, 3: 2},
+            region={"initial_states": [-3, 3]},
+        ),
         "exact": Problem(  # estimates that start exact: a bound of 0 on the estimation error
             network=listens([[2, 1]], 2),
             coupling="tanh(y)",
@@ -88,9 +100,27 @@ def certified(name: str) -> Certificate:
     return certify(problems()[name])
 
 
+def certify_motions(problem: Problem, **options: Any) -> Certificate:
+    """What ``certify`` claims that a file about motions is made of: the box, and no delay, sampling, margin or cure."""
+    with pytest.MonkeyPatch.context() as own:
+        for stage in ("weighted_stage", "linearisation_stage", "margins_stage", "accuracy_stage"):
+            own.setattr(certification, stage, lambda *arguments, **options: [])
+        own.setattr(certification, "STAGES", (separable_room.separable_stage,))
+        own.setattr(separable_room, "_timing", lambda *arguments: [])
+        own.setattr(certification, "with_cures", lambda problem, checks, *arguments, **options: checks)
+        own.setattr(certification, "agreed", lambda claims, problem: claims)
+        return certify(problem, **options)
+
+
+@cache
+def boxed(name: str) -> Certificate:
+    """The certificate of a problem with what a file about motions is made of."""
+    return made_once(f"motions of {name}", lambda: certify_motions(problems()[name]))
+
+
 @cache
 def text_of(name: str) -> str:
-    return motions_proof(certified(name))
+    return made_once(f"text about motions of {name}", lambda: motions_proof(boxed(name)))
 
 
 @dataclass(frozen=True)
@@ -164,7 +194,7 @@ def refused_in(ran: Ran, text: str) -> str:
 
 @cache
 def honest_parts() -> dict[tuple[int, int], tuple[Part, ...]]:
-    certificate = certified("small")
+    certificate = boxed("small")
     claim = separable(certificate).claim
     return {(row.agent, row.face): row.parts for row in Rows(certificate.problem, claim, claim.rho).all()}
 
@@ -176,7 +206,7 @@ def separable(certificate: Certificate) -> Any:
 def forged_proof(certificate: Certificate) -> str:
     """The file of a certificate that may claim what is false."""
     found = honest_parts()  # before the search is patched
-    searched, squares, honest = Rows._parts, motions._squares, separable(certified("small")).claim.rho
+    searched, squares, honest = Rows._parts, motions._squares, separable(boxed("small")).claim.rho
 
     def parts(self: Rows, arcs: Any, agent: int, face: int, room: Fraction) -> list[Part]:
         scale = self.rho / honest
@@ -234,7 +264,7 @@ def scaled(claim: Any, name: str, factor: Any) -> Any:
 
 def forgeries() -> dict[str, Forgery]:
     """Single changes of the certificate of "small", or of the problem that it is about."""
-    claim = separable(certified("small")).claim
+    claim = separable(boxed("small")).claim
     v, error = claim.v, claim.error
     P = error.P
 

@@ -91,6 +91,7 @@ def _settings() -> dict[str, Document]:
         "loose": given("2*tanh(y)", gains=None),
         "half loose": given("tanh(y)", network=network({"A": [[1, 2]], "B": [[2, 1]]}), gains={1: 1}),
         "matrix": given("tanh(y)", network=LINE_NET, gains=crossed, **plane),
+        "linear matrix": given("y", network=LINE_NET, gains=crossed, **plane),
         "cubic": given(cubic, region=asked("0.49")),
         "two kinds": given(cubic, exceptions={(1, 0): "2*y"}, region=asked("0.24")),
         "unused": given(cubic, exceptions={(0, 1): "y", (1, 0): "y"}),

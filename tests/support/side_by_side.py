@@ -6,7 +6,7 @@ import loops
 import numpy as np
 from loops import simulate, simulate_many
 
-from dobc_design import Failure, Problem, Stress
+from dobc_design import Ensemble, Failure, Problem, Stress
 
 FAILING = (Failure(agent="3", time=0.4, kind="freeze"), Failure(agent="2", time=0.5))
 EVERYTHING = Stress(noise=0.05, disturbance=0.3, frequency=2, saturation=2.0, loss=0.3, exchange=0.1, failures=FAILING)
@@ -22,8 +22,11 @@ def planar() -> Problem:
     )
 
 
-def require_the_same(problem: Problem, stress: Stress, *, runs: int, close: float, **given: Any) -> None:
-    """Errors, estimates, switches, starts and early ends of runs 5, 6, ... to ``close`` times their size."""
+def require_the_same(problem: Problem, stress: Stress, *, runs: int, close: float, **given: Any) -> Ensemble:
+    """Errors, estimates, switches, starts and early ends of runs 5, 6, ... to ``close`` times their size.
+
+    Returns: the runs side by side.
+    """
     given = {"t_final": 1.2, "samples": 23, "stress": stress} | given
     many = simulate_many(problem, runs=runs, seed=5, **given)
     for k in range(runs):
@@ -40,3 +43,4 @@ def require_the_same(problem: Problem, stress: Stress, *, runs: int, close: floa
         jumped = bool(stress.noise) and stress.period is None  # an ensemble's starts are those before the first noise
         np.testing.assert_allclose(sizes[: 3 - jumped], one.start_size()[: 3 - jumped])
     assert "side by side" in many.method
+    return many

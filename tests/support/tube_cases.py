@@ -93,7 +93,7 @@ STRETCHED = settling(box(1, 0.5), "0.01", "4.6764", HEARD, last("quadratic", STE
 # E stays for ever: -3 u + 1/2 <= u' allows 1 to fall to 4.5/7; level^2 >= 4 * 0.65^2 + 8/4.
 STAYING = tube(["0", "1/4"], ["1", "1"], ["0.65"] * 2, P=[["1"]], beta="1/1000", size="1")
 STILL = settling(box(1, 0.5), "0.01", "6", STAYING, last("quadratic", STEEP, "1.921", "0.707107", "2"))
-GOOD = {"line": LINE, "curved line": CURVE, "cubic": CUBIC, "bent": UNEVEN, "matrix": MIXED}
+GOOD = {"line": LINE, "curved line": CURVE, "cubic": CUBIC, "bent": UNEVEN, "linear matrix": MIXED}
 
 
 @cache
@@ -140,8 +140,8 @@ def _bent_tubes() -> Iterator[Case]:
     faces = UNEVEN["exact"]["tube"]
     yield from _fails("bent", UNEVEN, {"upper": faces["lower"], "lower": faces["upper"]})
     apart = bent(moved(MIXED, 1, 1, "0.668", "lower"), level="0.668", time="3")
-    yield _case("matrix", FAILS, apart, "faces that differ, and mixed components")
-    yield _case("matrix", FAILS, moved(MIXED, 1, 1, "0.666"), "agent 2")
+    yield _case("linear matrix", FAILS, apart, "faces that differ, and mixed components")
+    yield _case("linear matrix", FAILS, moved(MIXED, 1, 1, "0.666"), "agent 2")
     times = (
         {"times": ["0", "0.49", "1"]},
         {"times": ["0", "1/2", "0.99"]},

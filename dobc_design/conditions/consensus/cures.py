@@ -74,7 +74,7 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
     if not np.isfinite(rate):  # every gain > 0 would do
         rate = blocks.scale / 8 if blocks.scale else 1.0
     faster = smallest_gains(pinning.for_rate(blocks, rate), agents)
-    while blocks.weighted and faster is not None and np.max(faster) > blocks.scale:
+    while blocks.weighted and blocks.scale and faster is not None and np.max(faster) > blocks.scale:
         rate /= 2
         faster = smallest_gains(pinning.for_rate(blocks, rate), agents)
     if faster is not None:

@@ -5,6 +5,7 @@ The oracle builds J from Kronecker products and SymPy's derivatives, and shares 
 
 import tracemalloc
 from fractions import Fraction
+from functools import cache
 from itertools import islice, product
 from random import Random
 
@@ -31,7 +32,9 @@ def applicable(count):
     return list(islice((p for p in found if p.exosystem is not None and Oracle(p).smooth), count))
 
 
-PROBLEMS = applicable(30)
+@cache
+def problems():
+    return applicable(8)
 
 
 def random_pair(problem, seed):
@@ -49,7 +52,7 @@ def rows(M):
 @pytest.mark.parametrize("rate", [Fraction(0), Fraction(3, 7)])
 def test_psi_is_the_matrix_of_equation_18_with_the_rate_terms(rate):
     """(18), (28) and theory, section 2: 2 rate diag(I, I (x) P) is added."""
-    for seed, problem in enumerate(PROBLEMS):
+    for seed, problem in enumerate(problems()):
         oracle = Oracle(problem)
         P, Q = random_pair(problem, seed)
         pencils = state_theorems(problem).psi(rate=rate)
@@ -73,7 +76,7 @@ def tolerance(pencil):
 
 def test_lambda_is_twice_the_paper_f_of_equation_10():
     """F = (J + J' - 2 K)/2 for numbers k; K + K' for matrices."""
-    for problem in PROBLEMS:
+    for problem in problems():
         oracle = Oracle(problem)
         for mode, pencil in state_theorems(problem).lambdas.items():
             assert distance(pencil.constant.to_dense(), oracle.lambda_(mode)) <= tolerance(pencil)
@@ -82,7 +85,7 @@ def test_lambda_is_twice_the_paper_f_of_equation_10():
 def test_deviations_cover_the_true_slope_everywhere():
     """Irrational slopes: the middle plus t times each deviation reaches the slope to 80 digits, |t| <= size."""
     seen = 0
-    for seed in range(120):
+    for seed in range(50):
         problem = a_problem(seed)
         oracle = Oracle(problem)
         if not oracle.smooth or oracle.exact:
@@ -94,7 +97,7 @@ def test_deviations_cover_the_true_slope_everywhere():
             spread = sum(2 * d.size * abs(v[d.row] * (v[d.speaker] - v[d.listener])) for d in pencil.deviations)
             assert abs(pencil.constant.quadratic_form(v) - true) <= spread + Fraction(1, 10**70)
             seen += bool(spread)
-    assert seen > 20
+    assert seen >= 8
 
 
 def test_omega_with_a_rate_equals_sympy_and_that_of_the_paper_is_exact():
@@ -104,7 +107,7 @@ def test_omega_with_a_rate_equals_sympy_and_that_of_the_paper_is_exact():
     Q = multiply(P, matrix([["16/5"], ["12/5"]]))
     assert Q == ((1,), (0,))
     assert omega(P, Q, exosystem).to_dense() == ((-1, third), (third, -1))
-    for seed, problem in enumerate(PROBLEMS):
+    for seed, problem in enumerate(problems()):
         P, Q = random_pair(problem, seed)
         A, C, p, q = (sp.Matrix(x) for x in (problem.exosystem.A, problem.exosystem.C, P, Q))
         rate = Fraction(seed, 3)
@@ -130,7 +133,7 @@ def test_bounds_on_an_unknown_are_pencils():
 
 
 def test_a_pencil_refuses_values_of_another_shape_and_psi_needs_an_exosystem():
-    pencil = state_theorems(PROBLEMS[0]).psi()[0]
+    pencil = state_theorems(problems()[0]).psi()[0]
     with pytest.raises(ShapeError, match="P must have shape"):
         pencil.at({"P": ((Fraction(1),) * 9,) * 9, "Q": ()})
     with pytest.raises(ShapeError, match="got nothing"):

@@ -27,8 +27,10 @@ def test_a_proposal_is_rounded_after_it_is_raised():
     assert proposal.rounded(factor=1.1) == {2: Fraction("0.56"), 3: Fraction("1.11")}
 
 
-def test_the_last_proposal_pins_everybody_and_always_does():
-    """Gershgorin: whatever the couplings are."""
+def test_the_last_proposal_pins_everybody_and_always_does(monkeypatch):
+    """Gershgorin: whatever the couplings are; the proposals before it are not looked at."""
+    before, nothing = cures.gains_on, lambda *arguments: iter(())
+    monkeypatch.setattr(cures, "gains_on", nothing)
     for h in ("y", "-y", "y**3", ["y1 - 3*y2", "y2 + y1"]):
         problem = linked([[1, 2], [2, 3], [3, 1]], coupling=h)
         last = list(cures.several_more(problem))[-1]
@@ -37,9 +39,38 @@ def test_the_last_proposal_pins_everybody_and_always_does():
         held = np.repeat([last.gains[i] for i in range(3)], problem.m)
         assert np.linalg.eigvalsh(matrix - 2 * np.diag(held))[-1] < 0
     # without pins there is nothing on the present ones
+    monkeypatch.setattr(cures, "gains_on", before)
     problem = linked([[1, 2], [2, 1]])
     assert list(cures.on_present_pins(problem)) == []
     assert [proposal.added for proposal in cures.one_more(problem)] == [(0,)]
+
+
+def test_gains_for_a_faster_decay_are_not_larger_than_the_couplings():
+    """A cycle held at one agent, slope 1: k = b + (1 - b)^-(n - 1) - 1 up to b = 1; 1/2 is halved until k <= 2."""
+    for n, b in ((4, 0.25), (6, 0.125)):
+        blocks = network_blocks(linked([[i, i % n + 1] for i in range(1, n + 1)], n), weighted=True)
+        (found,) = cures.gains_on(blocks, [0], cures.PinProposal(gains={}))
+        k, larger = (rate + (1 - rate) ** (1 - n) - 1 for rate in (b, 2 * b))
+        assert k < blocks.scale == 2 < larger
+        assert found.gains == pytest.approx({0: k} | dict.fromkeys(range(1, n), 0), rel=1e-6)
+        assert found.rate == pytest.approx(b, rel=0.05) and found.rate < b
+        (every,) = cures.gains_on(blocks, range(n), cures.PinProposal(gains={}))  # any rate can be had
+        assert every.gains == pytest.approx(dict.fromkeys(range(n), 1 / 4))
+    blocks = network_blocks(linked([[1, 2], [2, 1]], coupling="-y"))  # repelling: without gains it is not even stable
+    least, faster = cures.gains_on(blocks, [0, 1], cures.PinProposal(gains={}))
+    assert least.gains == pytest.approx({0: 2, 1: 2}) and least.smallest
+    assert min(faster.gains.values()) > 2.1 and not faster.smallest
+
+
+def test_without_couplings_near_the_target_gains_are_those_for_half_a_rate_that_any_gain_has():
+    """Slope 0: each agent decays at its own k. There is no size of couplings to stay below."""
+    for arcs, h in (([], "y"), ([[1, 2], [2, 1]], "y**3")):
+        blocks = network_blocks(linked(arcs, 2, coupling=h), weighted=True)
+        assert blocks.scale == 0
+        (found,) = cures.gains_on(blocks, [0, 1], cures.PinProposal(gains={}))
+        assert found.gains == pytest.approx({0: 1, 1: 1})
+        assert 0.98 < found.rate < 1
+    assert list(cures.gains_on(blocks, [0], cures.PinProposal(gains={}))) == []  # agent 2 is not held
 
 
 def test_the_factor_for_a_pair_is_where_lambda_plus_the_border_becomes_singular():

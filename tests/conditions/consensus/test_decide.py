@@ -8,6 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 from campaigns import a_problem, reduction_campaign
+from certified import consensus_claims
 from exact_oracle import Oracle, eye, negative_definite, plus, times
 from linked import linked
 from random_problems import WEIGHTS
@@ -27,9 +28,15 @@ from dobc_design.conditions.consensus.decide import (
 
 def test_the_reduction_agrees_with_the_whole_matrix():
     """Psi < 0 <=> Lambda + I (x) S < 0, given Omega0 < 0 (theory, section 2); feasible, infeasible, near the edge."""
-    tally = reduction_campaign(range(5))
+    tally = reduction_campaign(range(3))
     assert tally.wrong == []
     assert min(tally.counts["negative"], tally.counts["not negative"]) >= 2
+
+
+def claimed(problem, id):
+    """The check of that name, of one mode."""
+    (check,) = [each for each in consensus_claims(problem).checks if each.id == id]
+    return check
 
 
 def path(n, gains, h="y", **more):
@@ -48,8 +55,8 @@ def proved_problems(seeds):
 def test_lemma_1_margins_are_true_and_nearly_the_largest_possible():
     """Lambda + margin I < 0 at the claimed margin; at 1.001 times the true value not."""
     count = 0
-    for problem, oracle in proved_problems(range(30)):
-        for check in certify(problem).checks:
+    for problem, oracle in proved_problems(range(15)):
+        for check in consensus_claims(problem).checks:
             if check.id != "lemma1":
                 continue
             count += 1
@@ -59,7 +66,7 @@ def test_lemma_1_margins_are_true_and_nearly_the_largest_possible():
             assert not negative_definite(plus(Lambda, times(Fraction(true * 1.001), size)))
             assert check.margin == pytest.approx(true, rel=1e-6, abs=1e-12)
             assert check.rate is None or 2 * Fraction(repr(check.rate)) <= Fraction(repr(check.margin))
-    assert count > 10
+    assert count >= 5
 
 
 @pytest.mark.slow
@@ -127,7 +134,7 @@ def test_tiny_margins_are_proved_and_numbers_below_the_floats_are_claimed_as_les
 
 
 def test_a_margin_of_zero_is_refuted():
-    assert certify(path(1, 0)).check("lemma1").verdict is Verdict.REFUTED
+    assert claimed(path(1, 0), "lemma1").verdict is Verdict.REFUTED
 
 
 def test_a_lost_estimate_never_turns_a_proof_into_a_refutation():
@@ -168,7 +175,7 @@ def test_the_edge_of_irrational_slopes_is_undecided_and_both_sides_are_decided()
     """Two agents, h = -y pi/2 one way: Lambda < 0 turns where k meets an irrational number."""
 
     def verdict(k):
-        return certify(linked([[1, 2], [2, 1]], coupling="-y*pi/2", gains=k)).check("lemma1").verdict
+        return claimed(linked([[1, 2], [2, 1]], coupling="-y*pi/2", gains=k), "lemma1").verdict
 
     # Lambda = pi [[1, -1], [-1, 1]] - 2 k I: the largest eigenvalue is 2 pi - 2 k.
     near = Fraction("3.14159265358979323846264338327950288419716939937510")
@@ -182,11 +189,11 @@ def test_psi_is_refuted_by_a_p_that_is_not_positive_definite_and_by_omega():
     exosystem = Exosystem(A=[[0]], C=[[1]])
     for W, P, block in ((1, -1, "P"), (1, 0, "P"), (-1, 1, "Omega0")):
         problem = path(1, 1, exosystem=exosystem, observer=Observer(W=[[W]], P=[[P]]))
-        check = certify(problem).check("theorem1-printed")
+        check = claimed(problem, "theorem1-printed")
         assert (check.verdict, check.exact) == (Verdict.REFUTED, {"block": block})
-        assert recheck(certify(problem).claims, problem).holds
+        assert recheck(consensus_claims(problem), problem).holds
     twin = path(1, 1, exosystem=exosystem, observer=Observer(W=[[1]], P=[[1]]))
-    assert certify(twin).check("theorem1-printed").verdict is Verdict.PROVED
+    assert claimed(twin, "theorem1-printed").verdict is Verdict.PROVED
 
 
 def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
@@ -197,7 +204,7 @@ def test_a_pair_with_an_indefinite_p_proves_nothing_though_psi_is_negative():
     whole = Oracle(problem).psi("G", [[Fraction(-1)]], [[Fraction(0)]], margin=Fraction(0), rate=Fraction(0))
     assert negative_definite(whole)
     assert not psi_is_negative(statements, problem.exosystem, pair)
-    assert certify(problem).check("theorem1-printed").verdict is Verdict.REFUTED
+    assert claimed(problem, "theorem1-printed").verdict is Verdict.REFUTED
     # Without a pair and without an obstacle the theorem is undecided.
     problem = path(1, 1, exosystem=Exosystem(A=[[0]], C=[[1]]))
     statements = state_theorems(problem)
@@ -228,9 +235,9 @@ def test_irrational_slopes_and_large_networks_are_not_examined():
 def test_diagonal_slopes_that_are_not_negative_with_scalar_gains_are_never_unstable():
     """The shortcut. Gershgorin: row i c has the diagonal -(sum g + k) <= 0 and the off-diagonal sum g, so every
     disc lies in Re <= 0. Weights, several slopes per component and isolated agents included."""
-    for seed in range(80):
+    for seed in range(30):
         r = Random(seed)
-        n, m = r.randint(1, 6), r.choice((1, 2, 3))
+        n, m = r.randint(1, 5), r.choice((1, 2, 3))
         arcs = [[i + 1, j + 1, r.choice(WEIGHTS)] for i in range(n) for j in range(n) if i != j and r.random() < 0.4]
         slopes = [f"{r.randint(0, 3)}*y{c + 1}" if m > 1 else f"{r.randint(0, 3)}*y" for c in range(m)]
         gains = {i + 1: r.choice((0, 1, 3)) for i in range(n)}

@@ -59,7 +59,7 @@ def compare_with_the_program(count: int, seed: int) -> int:
     return compared
 
 
-@pytest.mark.parametrize(("count", "least"), [(30, 18), pytest.param(170, 100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("count", "least"), [(15, 9), pytest.param(170, 100, marks=pytest.mark.slow)])
 def test_the_closed_form_is_the_optimum_of_the_semidefinite_program(count, least):
     """Theory, section 7: minimise sum c_i k_i subject to Lambda(K) <= -2 beta I."""
     assert compare_with_the_program(count, seed=1) >= least
@@ -135,7 +135,7 @@ def case(seed: int, n: int, modes: int):
     return for_rate(blocks, 0.1), np.isin(range(n), allowed), np.array([r.uniform(0.5, 2) for _ in range(n)])
 
 
-@pytest.mark.parametrize(("n", "modes"), [(6, 2), (14, 3)])
+@pytest.mark.parametrize(("n", "modes"), [(6, 2), (9, 3)])
 def test_shared_gains_are_those_of_the_semidefinite_program_and_their_bound_is_below(n, modes):
     """Theory, section 7: a geometric program, solved through its dual."""
     blocks, chosen, costs = case(n, n, modes)

@@ -42,7 +42,7 @@ def ring(n: int, **given) -> Problem:
     return linked([[i, i % n + 1] for i in range(1, n + 1)], n, **{"coupling": H, "gains": gains} | given)
 
 
-@pytest.mark.parametrize("seed", range(80))
+@pytest.mark.parametrize("seed", range(40))
 def test_the_float_lambda_is_the_exact_one(seed):
     """theorems.conditions.lemma1 states it: weights, exceptions, matrix gains, vectors, irrational slopes."""
     problem = random_problem(seed)
@@ -102,6 +102,10 @@ def test_without_convergence_the_dense_solver_steps_in(monkeypatch):
     assert calls == list(propose.LANCZOS)  # the second attempt has more vectors and less precision
     monkeypatch.setattr(propose, "LARGEST_DENSE", DENSE)  # too large for that: no estimate, no exception
     assert np.isnan(largest_eigenvalue(table).value)
+    nothing = np.array([]), np.zeros((3, 0))
+    for answer in (lambda *_, **__: fail(ncv=None, tol=None), lambda *_, **__: nothing):  # nor does the dense solver
+        monkeypatch.setattr(propose.linalg, "eigh", answer)
+        assert np.isnan(largest_eigenvalue(float_lambda(ring(3), "G")).value)
 
 
 def full_psi(problem, P, Q, rate: float) -> np.ndarray:
@@ -159,6 +163,25 @@ def test_a_leader_without_a_pin_and_a_cycle_without_one_are_directions_and_what_
     assert witness_directions(cycle(5, pins={}), "G") == []
 
 
+@pytest.mark.parametrize("seed", [75, 253, 295])
+def test_of_no_direction_an_agent_can_be_left_out(seed):
+    """The largest eigenvalue of Lambda, on the agents that move, is not negative, and on all but one of them it is."""
+    problem, several = random_problem(seed), 0
+    for mode in problem.network.modes:
+        table = float_lambda(problem, mode).toarray()
+
+        def top(agents, table=table, m=problem.m):
+            rows = [agent * m + c for agent in agents for c in range(m)]
+            return np.linalg.eigvalsh(table[np.ix_(rows, rows)])[-1]
+
+        for each in witness_directions(problem, mode):
+            agents = moved(each, problem.m)
+            assert top(agents) > -1e-8
+            assert all(top(agents - {agent}) < 0 for agent in agents if len(agents) > 1)
+            several += len(agents) > 1
+    assert several
+
+
 def wide_ring(n, *, step=10, arcs=None):
     """Both neighbours are heard; every so many agents one is pinned (step 0: none)."""
     arcs = arcs or [[i, (i + k) % n or n] for i in range(1, n + 1) for k in (1, n - 1)]
@@ -167,8 +190,8 @@ def wide_ring(n, *, step=10, arcs=None):
 
 @pytest.mark.parametrize("step", [1, 10, 300])
 def test_the_bound_is_close_to_the_least_eigenvalue_and_not_beyond(step):
-    """-Lambda of a ring of 3000; the vector itself shows the bound."""
-    table = float_lambda(wide_ring(3000, step=step), "G").tocsr()
+    """-Lambda of a ring of 1200; the vector itself shows the bound."""
+    table = float_lambda(wide_ring(1200, step=step), "G").tocsr()
     found = dominating_vector(table)
     least = -sparse.linalg.eigsh(table.tocsc(), k=1, sigma=1e-3, return_eigenvectors=False)[0]
     assert 0.95 * least <= found.least <= least * (1 + 1e-9)
@@ -179,24 +202,24 @@ def test_the_bound_is_close_to_the_least_eigenvalue_and_not_beyond(step):
 
 def test_few_products_are_enough_and_one_pin_is_left_to_a_factorisation():
     """design.md: 250 for the first bound.  With one pin conjugate gradients would need half as many as agents."""
-    found = dominating_vector(float_lambda(wide_ring(10_000), "G"))
+    found = dominating_vector(float_lambda(wide_ring(4000), "G"))
     assert found.first <= 250
     assert found.products <= MOST_PRODUCTS + 5
-    found = dominating_vector(float_lambda(wide_ring(20_000, step=20_000), "G"))
-    assert 0 < found.least < 4 * np.pi**2 / 20_000**2 * 4
+    found = dominating_vector(float_lambda(wide_ring(8000, step=8000), "G"))
+    assert 0 < found.least < 4 * np.pi**2 / 8000**2 * 4
     assert found.products < 1000
 
 
 def test_without_a_pin_there_is_a_direction_and_no_bound():
     """All agents moved together: v' Lambda v = 0."""
-    table = float_lambda(wide_ring(3000, step=0), "G").tocsr()
+    table = float_lambda(wide_ring(1200, step=0), "G").tocsr()
     found = dominating_vector(table)
     assert not found.least > 0
     v = found.vector
     assert v @ (table @ v) >= -1e-9 * (v @ v)
 
-    arcs = [[i, i + 1] for i in range(1, 2500)]  # the last agent hears nobody
-    found = dominating_vector(float_lambda(wide_ring(2501, arcs=arcs, step=2400), "G"))
+    arcs = [[i, i + 1] for i in range(1, 1000)]  # the last agent hears nobody
+    found = dominating_vector(float_lambda(wide_ring(1001, arcs=arcs, step=960), "G"))
     assert not found.least > 0
     assert found.vector.any()
     assert dominating_vector(sparse.csr_array(np.array([[-np.inf, 0.0], [0.0, -1.0]]))) is None  # no floats

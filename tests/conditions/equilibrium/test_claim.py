@@ -16,7 +16,7 @@ F = Fraction
 
 
 @pytest.mark.parametrize("m", [1, 2])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_the_field_is_that_of_the_arcs_one_by_one(seed: int, m: int):
     """(22) with eps = 0: weights, exceptions, matrix gains; offsets take no part, e has them taken off."""
     problem, r = random_folded(seed, m=m), Random(seed)
@@ -29,7 +29,7 @@ def test_the_field_is_that_of_the_arcs_one_by_one(seed: int, m: int):
 
 
 @pytest.mark.parametrize("m", [1, 2])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_the_slopes_hold_every_difference_on_the_box(seed: int, m: int):
     """f(a) - f(b) lies in F (a - b) for a, b in the box, across kinks too (mean value theorem, Clarke)."""
     problem, r = random_folded(seed, m=m), Random(f"box {seed}")

@@ -7,12 +7,14 @@ import networkx as nx
 import numpy as np
 import pytest
 from linked import loop_by_hand
+from searches import only
 
 from dobc_design import Exosystem, Network, Problem, Switching, Verdict, certify, simulate
 from dobc_design.certification.recheck import verify_twice
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.graphs.decide import closed_classes, why_not
 from dobc_design.conditions.graphs.stage import markov_stage, mean_claim, square_claim
+from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
 
 PAPER = "exp(y) - 1 + y"
@@ -56,21 +58,22 @@ def systems(own: Problem, sign: float = 1.0) -> list[np.ndarray]:
     return [loop_by_hand(own, mode, slope=sign) for mode in own.network.modes]
 
 
-def rates_of(systems: list[np.ndarray], generator: Any) -> tuple[float, float]:
-    """Of E e 1_p and of E e e' 1_p, by the eigenvalues of their equations."""
+def rate_of(systems: list[np.ndarray], generator: Any) -> float:
+    """Of E x 1_p with x' = A_p x in mode p, by the eigenvalues of its equation."""
     G, n = np.array(generator, dtype=float), len(systems[0])
-    first = np.zeros((len(G) * n,) * 2)
-    second = np.zeros((len(G) * n * n,) * 2)
+    moments = np.kron(G.T, np.eye(n))
     for p, A in enumerate(systems):
-        first[p * n : (p + 1) * n, p * n : (p + 1) * n] += A
-        square = np.kron(A, np.eye(n)) + np.kron(np.eye(n), A)
-        second[p * n * n : (p + 1) * n * n, p * n * n : (p + 1) * n * n] += square
-    first += np.kron(G.T, np.eye(n))
-    second += np.kron(G.T, np.eye(n * n))
-    return -max(np.linalg.eigvals(first).real), -max(np.linalg.eigvals(second).real) / 2
+        moments[p * n : (p + 1) * n, p * n : (p + 1) * n] += A
+    return float(-max(np.linalg.eigvals(moments).real))
 
 
-@pytest.mark.parametrize("seed", range(100))
+def squares(systems: list[np.ndarray]) -> list[np.ndarray]:
+    """The systems of e e', twice as fast as e."""
+    one = np.eye(len(systems[0]))
+    return [np.kron(A, one) + np.kron(one, A) for A in systems]
+
+
+@pytest.mark.parametrize("seed", range(60))
 def test_means_and_squares_agree_with_the_eigenvalues_of_the_moments(seed: int):
     """Couplings of either sign; where means decay by the eigenvalues, weights are found, and the rates are those."""
     rng = np.random.default_rng(seed)
@@ -80,7 +83,8 @@ def test_means_and_squares_agree_with_the_eigenvalues_of_the_moments(seed: int):
         i + 1: int(rng.integers(1, 8 if sign < 0 else 3)) for i in range(n) if i == 0 or sign < 0 or rng.random() < 0.2
     }
     own = problem(modes, n=n, coupling="y" if sign > 0 else "-y", generator=generator, gains=gains)
-    mean, square = rates_of(systems(own, sign), generator)
+    linear = systems(own, sign)
+    mean, square = rate_of(linear, generator), rate_of(squares(linear), generator) / 2
     G = own.switching.generator
     squared = square_claim(own, None, G)
     if abs(square) > 1e-6:
@@ -95,7 +99,7 @@ def test_means_and_squares_agree_with_the_eigenvalues_of_the_moments(seed: int):
         assert why_not(own, None, found) is not None
 
 
-@pytest.mark.parametrize("seed", range(100))
+@pytest.mark.parametrize("seed", range(60))
 def test_almost_surely_iff_every_closed_class_reaches_every_agent(seed: int):
     """With networkx: attracting components of the chain, and the union of their graphs."""
     rng = np.random.default_rng(1000 + seed)
@@ -126,7 +130,7 @@ def test_larger_networks_in_the_mean():
     check = check_of(certify(own), "markov")
     assert check.exact["kind"] == "mean"
     assert check.domain == "global"
-    assert check.rate <= rates_of(systems(own), [[-1, 1], [2, -2]])[0]
+    assert check.rate <= rate_of(systems(own), [[-1, 1], [2, -2]])
     assert "in the mean" in check.reason
 
 
@@ -140,6 +144,7 @@ def test_couplings_that_mix_components_in_mean_square():
     assert check_of(certify(stiff), "markov").verdict is Verdict.PROVED
 
 
+@only(separable_stage, markov_stage)
 def test_an_unstable_mode_that_does_not_last_refutes_nothing():
     """e_1' = e_1/2 - e_2 in A; the chain leaves A nine times as fast as it comes."""
     more: Any = {"n": 2, "coupling": "-y", "gains": {1: "1/2", 2: 3}}
@@ -152,6 +157,7 @@ def test_an_unstable_mode_that_does_not_last_refutes_nothing():
 
 
 @pytest.mark.parametrize(("guarantee", "verdict"), [("arbitrary", Verdict.REFUTED), ("markov", Verdict.UNDECIDED)])
+@only(markov_stage)
 def test_an_equilibrium_of_a_mode_that_does_not_last_refutes_nothing(guarantee: str, verdict: Verdict):
     """sin vanishes at pi: agent 2 may rest there while it hears agent 1."""
     turns = Switching(signal="markov", guarantee=guarantee, generator=[[-1, 1], [1, -1]])
@@ -226,7 +232,7 @@ def test_other_proofs_of_a_moving_graph_are_about_the_declared_modes():
 def test_no_simulated_agent_that_moves_leaves_the_box():
     own = problem({"A": []}, n=5, coupling=PAPER, gains={1: 1}, switching=Switching(signal="mobile", radius="1/2"))
     rng = np.random.default_rng(1)
-    for seed in range(5):
+    for seed in range(3):
         start = rng.uniform(-1, 1, (5, 1))
-        run = simulate(own, start=start, t_final=5, seed=seed)
+        run = simulate(own, start=start, t_final=3, seed=seed)
         assert np.max(np.abs(run.x)) <= np.max(np.abs(start)) * (1 + 1e-9)

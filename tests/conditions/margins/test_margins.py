@@ -3,19 +3,21 @@
 import json
 from dataclasses import replace
 from fractions import Fraction
-from functools import cache
 from itertools import product
 
 import numpy as np
 import pytest
+from certified import certified
 from separable_problems import PAPER, TURNING, cycle, listening
 
-from dobc_design import Problem, Verdict, certify, load_problem
+from dobc_design import Observer, Problem, Verdict
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
 from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
+from dobc_design.conditions.margins.stage import margins_stage
 from dobc_design.conditions.separable.claim import Errors, Separable, rows
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
 from dobc_design.exact.number import number_text
@@ -23,11 +25,10 @@ from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.exosystems import Exosystem, constant, harmonics, ramp, total
 
 F = Fraction
-FIXED = load_problem("paper-fixed")
-SMALL = {"initial_states": ["0.9", "1.1"], "initial_disturbance": "0.05"}
-
-
-certified = cache(certify)
+#: Two agents that hear each other, with the observer of the paper.
+TWO = cycle(2, exosystem=harmonics([2]), observer=Observer(W=[["16/5"], ["12/5"]]))
+WIDE = {"initial_states": [-4, 4], "initial_disturbance": "1/2"}
+SMALL = {"initial_states": ["-0.1", "0.1"], "initial_disturbance": "0.05"}
 
 
 def found(problem: Problem, id: str) -> Check:
@@ -35,6 +36,13 @@ def found(problem: Problem, id: str) -> Check:
     check = next(check for check in certified(problem).checks if check.id == id)
     assert "second program" not in check.reason
     return check
+
+
+def tolerance(problem: Problem, *, beside: Problem) -> Check:
+    """What the stage says beside the boxes of a problem that differs in its errors only."""
+    asked = read_region(problem, problem.observer.W, domain="consensus", everything=False)
+    found = margins_stage(asked, list(certified(beside).checks), str)
+    return next(check for check in found if check.id == "tolerance")
 
 
 def chain(h: str = "y", **more: object) -> Problem:
@@ -79,15 +87,12 @@ def test_every_arc_takes_its_worse_end():
 def test_rows_with_errors_are_those_of_the_worst_corner(seed: int):
     """Also of couplings that turn, and in the float tables: all corners of one row are tried, weights set by hand."""
     h = (*TURNING, PAPER, "tanh(y)")[seed % 5]
-    problem = listening([[2, 1], [2, 3, "1/2"], [3, 1], [1, 3]], h, n=3, gains={1: 4, 2: 1}, target=0)
+    problem = listening([[2, 1], [2, 3, "1/2"], [3, 1]], h, n=3, gains={1: 4, 2: 1}, target=0)
     v, rho, errors = (F(1), F(6, 5), F(5, 4)), F(1 + seed % 3, 2), Errors(F(1, 5), F(1, 10))
     rate = largest_rate(problem, v, rho=rho, errors=errors)
     corners = []
-    for ends in product((F(4, 5), F(6, 5)), repeat=4):
-        arcs = [
-            [i, j, w * end]
-            for (i, j, w), end in zip([(2, 1, 1), (2, 3, F(1, 2)), (3, 1, 1), (1, 3, 1)], ends, strict=True)
-        ]
+    for ends in product((F(4, 5), F(6, 5)), repeat=3):
+        arcs = [[i, j, w * end] for (i, j, w), end in zip([(2, 1, 1), (2, 3, F(1, 2)), (3, 1, 1)], ends, strict=True)]
         corner = listening(arcs, h, n=3, gains={1: F(18, 5), 2: F(9, 10)}, target=0)
         corners.append(largest_rate(corner, v, rho=rho))
     if None in corners:
@@ -111,17 +116,17 @@ def test_large_networks_have_the_same_rows(size: int):
 
 
 def test_a_table_is_proved_and_a_larger_one_is_not():
-    near = FIXED.replace(uncertainty={"weights": "0.02", "gains": "0.02"})
+    near = TWO.replace(region=WIDE, uncertainty={"weights": "0.02", "gains": "0.02"})
     check = found(near, "tolerance")
     assert check.verdict is Verdict.PROVED
     assert check.domain == {"kind": "box", "radius": 4.0, "disturbance": 0.5}
-    far = found(FIXED.replace(uncertainty={"weights": "0.06", "gains": "0.06"}), "tolerance")
+    far = tolerance(TWO.replace(region=WIDE, uncertainty={"weights": "0.06", "gains": "0.06"}), beside=near)
     assert far.verdict is Verdict.UNDECIDED
     assert "times these errors it is proved" in far.reason
 
 
 def test_without_a_table_the_largest_common_error_is_found():
-    (check,) = (check for check in certified(FIXED).checks if check.id == "tolerance")
+    (check,) = (check for check in certified("paper-fixed").checks if check.id == "tolerance")
     assert 0.02 < float(F(check.exact["weights"])) < 0.06
     assert check.exact["weights"] == check.exact["gains"]
     assert check.rate > 0
@@ -137,25 +142,27 @@ def test_at_the_target_entries_of_a_gain_err_each_on_its_own(error: str, proved:
 
 def test_at_the_target_of_several_modes_one_v_serves_all_corners():
     """Rising couplings: the order of the agents alone decides, so every error below 1 is tolerated."""
-    problem = load_problem("paper-switching").replace(region=None, uncertainty={"weights": "0.8", "gains": "0.5"})
+    modes = {"A": [[2, 1], [3, 2]], "B": [[2, 1], [3, 1]]}
+    errors = {"weights": "0.8", "gains": "0.5"}
+    problem = listening(modes, PAPER, n=3, gains={1: 5}, exosystem=TWO.exosystem, uncertainty=errors)
     check = found(problem, "tolerance")
     assert check.verdict is Verdict.PROVED
     assert check.domain == "consensus"
     assert check.rate is None
     certificate = certified(problem)
-    v = [number_text(F(x) * (1 if k else 3)) for k, x in enumerate(check.exact["v"])]
-    assert changed(problem, "tolerance", v=v) == (False, False)
+    first, second, third = check.exact["v"]
+    assert changed(problem, "tolerance", v=[first, third, second]) == (False, False)
     assert changed(problem, "tolerance", alpha="1") == (False, False)
     rated = tuple(replace(each, rate=0.001) if each.id == "tolerance" else each for each in certificate.checks)
     assert accepted(problem, rated, certificate) == (False, False)
 
 
 def test_agents_that_do_not_know_tolerate_less():
-    known = FIXED.replace(region=SMALL, uncertainty={"weights": "0.04"})
-    unknown = FIXED.replace(region=SMALL, uncertainty={"weights": "0.04", "known_to_agents": False})
-    assert found(known, "tolerance").verdict is Verdict.PROVED
-    assert found(unknown, "tolerance").verdict is Verdict.UNDECIDED
-    less = FIXED.replace(region=SMALL, uncertainty={"weights": "0.001", "known_to_agents": False})
+    known = TWO.replace(region=SMALL, uncertainty={"weights": "0.04"})
+    unknown = TWO.replace(region=SMALL, uncertainty={"weights": "0.04", "known_to_agents": False})
+    less = TWO.replace(region=SMALL, uncertainty={"weights": "0.001", "known_to_agents": False})
+    assert tolerance(known, beside=less).verdict is Verdict.PROVED
+    assert tolerance(unknown, beside=less).verdict is Verdict.UNDECIDED
     check = found(less, "tolerance")
     assert check.verdict is Verdict.PROVED
     eta = F(check.exact["eta"])
@@ -199,7 +206,8 @@ def test_the_largest_input_has_a_closed_form():
 
 
 def test_disturbances_without_a_bound_ask_for_the_amplitude():
-    problem = FIXED.replace(exosystem=ramp(), observer=None, simulation={"xi0": [1, 1]}, actuators={})
+    simulation = {"xi0": [1, 1]}
+    problem = listening([], "y", n=1, gains={1: 3}, target=0, exosystem=ramp(), simulation=simulation, actuators={})
     check = found(problem, "actuators")
     assert "give actuators.amplitude" in check.reason
-    assert largest_disturbance(problem.replace(actuators={"amplitude": 2})) == (2,) * 10
+    assert largest_disturbance(problem.replace(actuators={"amplitude": 2})) == (2,)

@@ -1,13 +1,16 @@
 """Observability, detectability and the observer error, decided; rates at their edge."""
 
+import math
 from fractions import Fraction
+from functools import cache
 from itertools import islice
 
 import sympy as sp
 from exact_oracle import Oracle, hurwitz
+from linked import linked
 from random_problems import random_problem
 
-from dobc_design import Exosystem, Verdict
+from dobc_design import Exosystem, Observer, Verdict
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.observer.decide import (
     detectability_check,
@@ -20,13 +23,16 @@ from dobc_design.conditions.observer.decide import (
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 
 
-DRAWN = (random_problem(seed) for seed in range(1000, 1400))
-PROBLEMS = list(islice((problem for problem in DRAWN if problem.exosystem is not None), 100))
+@cache
+def problems():
+    """The first random problems with an exosystem."""
+    drawn = (random_problem(seed) for seed in range(1000, 1400))
+    return list(islice((problem for problem in drawn if problem.exosystem is not None), 25))
 
 
 def test_verdicts_agree_with_sympy_and_lyapunov():
     seen = set()
-    for problem in PROBLEMS:
+    for problem in problems():
         oracle, exosystem = Oracle(problem), problem.exosystem
         observable, detectable = oracle.hidden().rows == 0, oracle.detectable()
         assert observability_check(exosystem).verdict is (PROVED if observable else REFUTED)
@@ -43,7 +49,7 @@ def test_verdicts_agree_with_sympy_and_lyapunov():
 def test_the_suggested_reduction_generates_the_same_disturbances():
     """C_o A_o^k T = C A^k for every k: the fix of an unobservable pair loses nothing that acts."""
     count = 0
-    for problem in PROBLEMS:
+    for problem in problems():
         check = observability_check(problem.exosystem)
         if check.verdict is PROVED or check.fix.set == {"exosystem": None}:
             continue
@@ -55,7 +61,27 @@ def test_the_suggested_reduction_generates_the_same_disturbances():
         kept = sp.Matrix.vstack(*(C_o * A_o**k for k in range(A.rows)))
         assert kept.rank() == A_o.rows == seen.rank()
         assert sp.Matrix.hstack(seen, kept).rank() == seen.rank()  # one T turns kept into seen
-    assert count >= 10
+    assert count >= 3
+
+
+def test_the_reduction_keeps_what_the_problem_says_of_states():
+    """W becomes T W, so that W = I shows T; |T eps| <= |T| |eps|, to six decimals."""
+    exosystem = Exosystem(A=[[0] * 3] * 3, C=[[3, 4, 0], [1, 0, 0]])
+    region = {"initial_states": [-1, 1], "initial_disturbance": "1/10"}
+    given = {"exosystem": exosystem, "target": [0, 0], "region": region}
+    columns = []
+    for k in (0, 1):
+        W = [[int(row == column == k) for column in range(2)] for row in range(3)]
+        change = observability_check(exosystem, linked([[1, 2]], observer=Observer(W=W), **given)).fix.set
+        columns.append([Fraction(str(row[k])) for row in change["observer.W"]])
+    size = math.sqrt(sum(x * x for column in columns for x in column))  # T does not see the third state
+    bound = float(change["region.initial_disturbance"])
+    assert size / 10 <= bound <= size / 10 + 1e-6
+    unseen = Exosystem(A=[[0]], C=[[0], [0]])
+    for own in (given["region"], None):
+        problem = linked([[1, 2]], **given | {"exosystem": unseen, "region": own})
+        change = observability_check(unseen, problem).fix.set
+        assert ("region.initial_disturbance" in change) is (own is not None)
 
 
 def test_rates_are_strict_at_the_edge():

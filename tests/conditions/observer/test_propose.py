@@ -42,7 +42,7 @@ def random_exosystem(seed: int) -> Exosystem:
     return Exosystem(A=A, C=[[r.randint(-1, 1) * (r.random() < 0.5) for _ in range(q)] for _ in range(m)])
 
 
-@pytest.mark.parametrize("seed", [k for k in range(60) if k != 19])  # 19 takes long
+@pytest.mark.parametrize("seed", [k for k in range(30) if k != 19])  # 19 takes long
 def test_a_detectable_pair_has_a_placed_gain_and_an_undetectable_one_has_none(seed: int):
     """Theory, section 2: some W makes A - WC Hurwitz iff (A, C) is detectable."""
     exosystem = random_exosystem(seed)
@@ -142,7 +142,7 @@ def test_the_default_is_half_the_rate_of_the_kalman_gain(name):
 
 
 @pytest.mark.parametrize("name", STANDARD)
-@pytest.mark.parametrize("rate", ["1/100", "1/10", "1", "3", "10", "100", "10000"])
+@pytest.mark.parametrize("rate", ["1/100", "1", "3", "10000"])
 def test_the_rate_asked_is_reached_exactly(name, rate):
     found = design_gain(STANDARD[name], rate=Fraction(rate))
     assert found.rate == Fraction(rate)
@@ -151,7 +151,7 @@ def test_the_rate_asked_is_reached_exactly(name, rate):
 
 
 @pytest.mark.parametrize("name", STANDARD)
-@pytest.mark.parametrize("factor", ["1/100", "10000", "1/1000000", "1000000"])
+@pytest.mark.parametrize("factor", ["1/1000000", "1000000"])
 @pytest.mark.parametrize("what", ["A", "C", "both"])
 def test_badly_scaled_exosystems_get_a_gain(name, factor, what):
     one = Fraction(1)

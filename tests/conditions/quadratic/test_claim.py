@@ -45,7 +45,7 @@ def arrays(sectors: Sectors, mode: str) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 @pytest.mark.parametrize("shape", ["diagonal", "full"])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [*range(8), 11])  # 11 has eight rows
 def test_the_reduced_inequality_is_the_schur_complement_of_the_one_in_theory(seed, shape):
     """[[-P K - K'P - 2 C'mMTC + 2 beta P, P B + C'(m+M)T, P(I (x) C)], [., -2T, 0], [., ., I (x) Omega(beta)]]."""
     problem = random_problem(seed, m=1 + seed % 2)

@@ -7,6 +7,7 @@ import confirming
 import pytest
 from checker_cases import Document
 from region_cases import problems
+from searches import coarse_tables
 from tube_cases import GOOD, LINE, SEEN, STRETCHED, bent
 
 from dobc_design.conditions.check import check_from_json
@@ -17,6 +18,7 @@ ALL = [*GOOD.items(), ("observed, linear", SEEN), ("observed, linear", STRETCHED
 
 
 @pytest.mark.parametrize(("name", "document"), ALL)
+@coarse_tables()
 def test_a_claim_is_read_decided_once_more_and_written_as_it_was(name: str, document: Document):
     problem = problems()[name]
     W = None if problem.observer is None else problem.observer.W

@@ -1,11 +1,13 @@
 """Max-separable certificates in coordinates z = T x: known answers, twins, runs from the boundary, an oracle."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from searches import few_coordinates, only
 
 from dobc_design import Dynamics, Exosystem, Network, Problem, Verdict, certify, falsify, verify
 from dobc_design.conditions.coverage import read_region
@@ -143,22 +145,23 @@ def test_a_claim_is_proved_for_what_it_says_and_not_for_a_little_more():
 @pytest.mark.parametrize(
     ("problem", "verdict"),
     [
-        (agents(c="7/2", h="y1", reach=None), Verdict.PROVED),
-        (agents(c=3, h="y1", reach=None, pins=1), Verdict.UNDECIDED),
-        (agents(c="1/10", h="y1", reach=None), Verdict.UNDECIDED),
-        (agents(c=4), Verdict.PROVED),
-        (agents(c=2), Verdict.UNDECIDED),
-        (agents(h="exp(y1) - 1 + y1"), Verdict.PROVED),
-        (agents(dynamics=Dynamics(f=PENDULUM, B=[[0], [1]])), Verdict.PROVED),
-        (agents(dynamics=Dynamics(f=["x2", "sin(x1)/10 - 8*x2"], B=[[0], [1]]), h="y1", pins=1), Verdict.PROVED),
-        (agents(dynamics=Dynamics(f=["x2", "3*sin(x1) - 8*x2"], B=[[0], [1]]), h="y1", pins=1), Verdict.UNDECIDED),
+        (agents(3, c="7/2", h="y1", reach=None), Verdict.PROVED),
+        (agents(3, c=3, h="y1", reach=None, pins=1), Verdict.UNDECIDED),
+        (agents(3, c="1/10", h="y1", reach=None), Verdict.UNDECIDED),
+        (agents(3, c=4), Verdict.PROVED),
+        (agents(3, c=2), Verdict.UNDECIDED),
+        (agents(3, h="exp(y1) - 1 + y1"), Verdict.PROVED),
+        (agents(3, dynamics=Dynamics(f=PENDULUM, B=[[0], [1]])), Verdict.PROVED),
+        (agents(3, dynamics=Dynamics(f=["x2", "sin(x1)/10 - 8*x2"], B=[[0], [1]]), h="y1", pins=1), Verdict.PROVED),
+        (agents(3, dynamics=Dynamics(f=["x2", "3*sin(x1) - 8*x2"], B=[[0], [1]]), h="y1", pins=1), Verdict.UNDECIDED),
     ],
 )
 def test_overdamped_agents_are_proved_and_others_are_left_open(problem, verdict):
     """z is cooperative where c^2/4 > 3, the largest degree and gain times the slope: for c > 3.46."""
     own = as_integrators(problem)
     asked = read_region(own, None, domain="global" if own.is_linear else "consensus", everything=False)
-    (check,) = separable_stage(asked, str)
+    with few_coordinates() if verdict is Verdict.PROVED else nullcontext():
+        (check,) = separable_stage(asked, str)
     assert check.verdict is verdict
     if verdict is Verdict.PROVED:
         assert check.claim.T is not None
@@ -203,14 +206,17 @@ def test_pendulums_shrink_in_the_norm_of_the_certificate():
         assert np.all(np.array(N) <= float(claim.rho) * np.exp(-float(claim.alpha) * run.t) * (1 + 1e-7))
 
 
+@few_coordinates()
 def test_without_a_region_a_box_around_the_target_decides_for_many_agents():
     """One mode, couplings that no common R serves (the gains are on the speed, too): only these rows prove it."""
-    problem = agents(60, reach=None, gains={i: [[1, 1]] for i in range(1, 61, 3)})
+    problem = agents(40, reach=None, gains={i: [[1, 1]] for i in range(1, 41, 3)})
     certificate = certify(problem)
     assert certificate.covered_by == "max-separable" and verify(certificate, problem).holds
 
 
 @pytest.mark.parametrize(("gain", "rate"), [(0, Fraction(-1, 7)), (1, Fraction(1, 4))])
+@few_coordinates()
+@only(separable_stage)
 def test_an_optional_arc_counts_only_where_it_pulls_outward(gain, rate):
     """Without the arc agent 2 has z_2' = -z_2 + (1 - k/2) z_1: 8 - 7 > 0, and with k = 1 4 - 7."""
     loose = Network.from_arcs([], optional=[[2, 1]], arrow="listens_to", agents=2)

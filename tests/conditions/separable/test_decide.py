@@ -354,16 +354,16 @@ def has_common_v(problem: Problem) -> bool:
     return answer.status == 0
 
 
-def test_the_criterion_agrees_with_the_linear_program_on_300_random_graphs():
+def test_the_criterion_agrees_with_the_linear_program_on_100_random_graphs():
     """Theory, section 5; both answers occur often."""
     found = []
-    for seed in range(300):
+    for seed in range(100):
         problem = problem_of(seed)
         stuck = stuck_agents(problem)
         assert bool(stuck) != has_common_v(problem), seed
         assert bool(stuck) == is_stuck(problem, list(stuck)), seed
         found.append(not stuck)
-    assert 60 < sum(found) < 240
+    assert 20 < sum(found) < 80
 
 
 def of_modes(modes: dict[str, list[list[int]]]) -> Problem:

@@ -6,6 +6,7 @@ from random import Random
 
 import numpy as np
 import pytest
+from certified import certified
 from linked import loop_by_hand
 from separable_problems import (
     PAPER,
@@ -42,7 +43,11 @@ W = SWITCHING.observer.W
 
 def proved_rate(problem: Problem, rho: str, *, share: float = 0.995) -> float:
     """The rate of the first rounding that keeps ``share`` of what floating point sees."""
-    plan = propose_separable(problem, rho=F(rho))
+    return rate_of(problem, propose_separable(problem, rho=F(rho)), rho, share=share)
+
+
+def rate_of(problem: Problem, plan: SeparablePlan, rho: str, *, share: float = 0.995) -> float:
+    """The same for a plan at hand."""
     rates = (largest_rate(problem, v, rho=F(rho)) for v in rounded_vectors(plan))
     return float(next(alpha for alpha in rates if alpha is not None and alpha >= share * plan.rate))
 
@@ -66,7 +71,7 @@ def test_the_modes_of_example_2_have_the_rates_of_the_theory(modes, rate: float)
     assert proved_rate(problem, "4") == pytest.approx(rate, rel=0.01)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(8))
 def test_a_single_linear_mode_has_the_spectral_abscissa_as_rate(seed: int):
     """Perron and Frobenius: the largest alpha with M v <= -alpha v is -max Re of the spectrum of M."""
     r = Random(seed)
@@ -80,7 +85,7 @@ def test_a_single_linear_mode_has_the_spectral_abscissa_as_rate(seed: int):
         return
     # min v = 1 and v > 0 need no more than that the slowest agents count; a reducible M may have v_i = 1 there.
     assert proposal.rate == pytest.approx(truth, rel=1e-4)
-    assert proved_rate(problem, "1") == pytest.approx(truth, rel=0.006)
+    assert rate_of(problem, proposal, "1") == pytest.approx(truth, rel=0.006)
 
 
 def test_nothing_is_proposed_where_an_agent_is_not_held():
@@ -119,20 +124,25 @@ def test_a_badly_conditioned_p_keeps_enough_room_for_its_rounding(rate):
     assert error_bound_obstacle(exosystem, W, propose_error_bound(exosystem, W, rate=rate)) is None
 
 
-@pytest.fixture(scope="module")
-def example_2() -> tuple[Separable, float]:
-    plan = design_separable(SWITCHING, radius=F(4), disturbance=F(1, 2), W=W)
-    return first_certificate(SWITCHING, W, plan), plan.rate
+def holds_starts_of_the_paper(problem: Problem, claim: Separable) -> bool:
+    """[0, 5] about 1 and |eps| <= 1/2; the rate of V is alpha."""
+    proved = verify_composite(problem, W, claim).verdict is Verdict.PROVED
+    return proved and covers(claim, radius=F(4), disturbance=F(1, 2)) and composite_rate(claim) == claim.alpha
 
 
-def test_example_2_is_proved_from_the_papers_own_starts(example_2):
-    """The whole way: P, beta, kappa, rho, v, alpha; [0, 5] about 1 and |eps| <= 1/2; the rate of V is alpha."""
-    claim, rate = example_2
-    assert verify_composite(SWITCHING, W, claim).verdict is Verdict.PROVED
-    assert covers(claim, radius=F(4), disturbance=F(1, 2))
-    assert composite_rate(claim) == claim.alpha
+def test_example_2_is_proved_from_the_papers_own_starts():
+    claim = certified("paper-switching").check("max-separable").claim
+    assert holds_starts_of_the_paper(SWITCHING, claim)
     assert float(claim.alpha) == pytest.approx(0.0301, rel=0.01)
-    assert 0.997 * rate <= claim.alpha <= rate * 1.0001
+
+
+def test_a_claim_has_the_rate_that_is_planned():
+    """The whole way: P, beta, kappa, rho, v, alpha; for two agents that hear each other."""
+    problem = cycle(2, exosystem=SWITCHING.exosystem)
+    plan = design_separable(problem, radius=F(4), disturbance=F(1, 2), W=W)
+    claim = first_certificate(problem, W, plan)
+    assert holds_starts_of_the_paper(problem, claim)
+    assert 0.997 * plan.rate <= claim.alpha <= plan.rate * 1.0001
 
 
 def test_no_certificate_comes_out_of_vectors_that_do_not_hold():
@@ -144,11 +154,11 @@ def test_no_certificate_comes_out_of_vectors_that_do_not_hold():
 
 @pytest.mark.parametrize("h", [pytest.param(PAPER, marks=pytest.mark.slow), "sin(y)"])
 def test_the_search_for_many_agents_comes_near_the_rate_of_that_for_few(monkeypatch, h: str):
-    """A grid of 9 x 9 agents that hear their neighbours, every fifth pinned, by both; near 5 %."""
-    side = range(9)
+    """A grid of 6 x 6 agents that hear their neighbours, every fifth pinned, by both; near 5 %."""
+    side = range(6)
     steps = [(a, b, *to) for a in side for b in side for to in ((a + 1, b), (a - 1, b), (a, b + 1), (a, b - 1))]
-    arcs = [[9 * a + b + 1, 9 * c + d + 1] for a, b, c, d in steps if c in side and d in side]
-    problem = listening(arcs, h, n=81, gains=dict.fromkeys(range(1, 82, 5), 3), target=0)
+    arcs = [[6 * a + b + 1, 6 * c + d + 1] for a, b, c, d in steps if c in side and d in side]
+    problem = listening(arcs, h, n=36, gains=dict.fromkeys(range(1, 37, 5), 3), target=0)
     exact = propose_separable(problem, rho=1.2).rate
     monkeypatch.setattr(propose, "FEW_AGENTS", 0)
     monkeypatch.setattr(propose, "FACTORED_AGENTS", 0)

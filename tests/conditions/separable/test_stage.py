@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from certified import certified
 from confirming import confirmed
-from regions import without_region
 from separable_problems import cycle, listening, pair
 
-from dobc_design import Exosystem, Problem, Verdict, certify
+from dobc_design import Exosystem, Observer, Problem, Verdict, certify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import recheck
@@ -20,8 +19,10 @@ from dobc_design.conditions.separable.claim import separable_from_json
 from dobc_design.conditions.separable.propose import design_separable, flatter_plans
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.separable.timing import largest_period
+from dobc_design.problem.exosystems import harmonics
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
+OBSERVED = [["16/5"], ["12/5"]]  # of a sine of 2 rad/s
 
 
 def side(radius, disturbance=None):
@@ -45,7 +46,7 @@ def test_the_rate_of_the_papers_examples_is_that_of_the_theory():
 
 def test_without_a_region_nothing_regional_is_examined_and_a_box_answers_no_question():
     """The verdict is about the consensus; with everything wanted, boxes up to 10 are tried."""
-    problem = without_region("paper-fixed")
+    problem = cycle(2, exosystem=harmonics([2]), observer=Observer(W=OBSERVED), simulation={"xi0": ["0.3", "0.4"]})
     certificate = certify(problem)
     assert {check.id for check in certificate.checks} & {"max-separable", "lure"} == set()
     found = stage(problem, W=problem.observer.W, everything=True)
@@ -75,10 +76,13 @@ def test_linear_couplings_are_proved_from_everywhere_where_v_is_not_quadratic():
     assert recheck(certificate_bytes(certificate.claims), problem).holds
 
 
-def test_where_the_box_asked_for_is_too_large_the_largest_one_is_proved():
-    """sin, one pin: pi/2 is the limit, and the whole stays undecided with both numbers in the sentence."""
-    problem = cycle(3, h="sin(y)", region=side(4))
-    check = stage(problem)["max-separable"]
+def test_where_the_box_asked_for_is_too_large_the_largest_one_is_proved(monkeypatch):
+    """sin, one pin: pi/2 is the limit, and the whole stays undecided with both numbers in the sentence; delays and
+    sampling are left out for more than TIMED_ARCS arcs."""
+    monkeypatch.setattr("dobc_design.conditions.separable.stage.TIMED_ARCS", 1)
+    problem = cycle(2, h="sin(y)", region=side(4))
+    found = stage(problem)
+    check = found["max-separable"]
     assert check.verdict is PROVED
     assert 1.56 < check.domain["radius"] < np.pi / 2
     assert "the region asks for 4: beyond, no v is found" in check.reason
@@ -86,6 +90,8 @@ def test_where_the_box_asked_for_is_too_large_the_largest_one_is_proved():
     assert whole.verdict is UNDECIDED
     assert f"|e_i| <= {check.domain['radius']}" in whole.reason
     assert "the region asks for |e_i| <= 4" in whole.reason
+    timed = [check for check in found.values() if "the network has 2 arcs" in check.reason]
+    assert [(check.id, check.verdict) for check in timed] == [("delay", UNDECIDED), ("sampling", UNDECIDED)]
 
 
 @pytest.mark.slow

@@ -73,7 +73,7 @@ def test_delayed_simulations_obey_the_rate(seed: int):
     mode = next(iter(problem.network.modes.values()))
     arcs = [(i, j, float(w), problem.coupling_of(i, j).numpy_function(), r.randint(0, late)) for i, j, w in mode]
     history = [v * np.array([r.choice((-1, 1)) for _ in v])] * (late + 1)
-    for step in range(4000):
+    for step in range(2500):
         e = history[-1]
         slope = -gains * e
         for i, j, w, h, late in arcs:

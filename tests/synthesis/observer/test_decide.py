@@ -137,8 +137,8 @@ def random_system(seed: int) -> StateSpace:
             return system
 
 
-@pytest.mark.parametrize("seed", range(50))
-def test_fifty_random_systems_have_the_norms_of_python_control(seed):
+@pytest.mark.parametrize("seed", range(20))
+def test_random_systems_have_the_norms_of_python_control(seed):
     """H-infinity is proved just above python-control's value and refuted just below; H2 is exact."""
     system = random_system(seed)
     expected = control_norm(system, "inf")

@@ -10,6 +10,7 @@ from random import Random
 import cvxpy as cp
 import numpy as np
 import pytest
+from certified import consensus_claims
 from exact_oracle import Oracle, form, negative_definite
 from random_problems import random_problem
 from scipy import sparse
@@ -126,8 +127,8 @@ def test_gains_with_caps_are_those_of_the_semidefinite_program(modes):
     """Closed form with caps for one mode, the conic program with its multipliers for several."""
     r = Random(modes)
     compared = 0
-    for _ in range(8):
-        n = r.randint(3, 7)
+    for _ in range(5):
+        n = r.randint(3, 6)
         arcs = {f"G{k}": digraph(r, n).network.modes["G"] for k in range(modes)}
         problem = Problem(network=Network(labels=tuple(map(str, range(n))), modes=arcs), coupling="y")
         blocks = for_rate(network_blocks(problem), 0.2)
@@ -211,7 +212,7 @@ def exhaustive(problem: Problem, rate: float, pins: int):
     return min((float(gains.sum()) for gains in found if gains is not None), default=None)
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 10])  # 0 and 3 are refuted
 def test_the_chosen_agents_are_the_best_of_all_sets(seed):
     """Exhaustive search; the bound over all choices is proved and tight."""
     r = Random(seed)
@@ -226,7 +227,7 @@ def test_the_chosen_agents_are_the_best_of_all_sets(seed):
         assert best * (1 - 1e-6) <= design.lower_bound <= design.cost
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [1, 5, 6])  # 2, 1 and 3 pins
 def test_the_fewest_pins_are_those_of_exhaustive_search(seed):
     r = Random(seed)
     problem = digraph(r, r.randint(4, 7), density=0.25, cycle=False)
@@ -242,10 +243,10 @@ def test_the_fewest_pins_are_those_of_exhaustive_search(seed):
 
 
 def test_independent_slow_directions_count_the_pins_that_are_needed(cycle):
-    """Ten-cycle, rate 1/2: eigenvalues 4 (1 - cos(2 pi k/10)) of S0 below 1 are those of k = 0, 1, 9: three pins."""
-    design = design_pinning(cycle(10, pins={}), rate="1/2", pins=2)
+    """Six-cycle, rate 5/4: eigenvalues 4 (1 - cos(2 pi k/6)) of S0 below 5/2 are those of k = 0, 1, 5: three pins."""
+    design = design_pinning(cycle(6, pins={}), rate="5/4", pins=2)
     assert (design.verdict, design.statements[0].exact) == (Verdict.REFUTED, {"least": "3"})
-    assert design_pinning(cycle(10, pins={}), rate="1/2", pins=3).verdict is Verdict.PROVED
+    assert design_pinning(cycle(6, pins={}), rate="5/4", pins=3).verdict is Verdict.PROVED
 
 
 def test_every_source_component_needs_a_pin():
@@ -289,10 +290,10 @@ def test_prices_that_are_upper_bounds_are_rounded_up():
 
 
 def test_ties_are_told(cycle):
-    """On the ten-cycle every pair of opposite agents costs the same."""
-    design = design_pinning(cycle(10, pins={}), rate="1/10", pins=2)
+    """On the six-cycle every pair of opposite agents costs the same."""
+    design = design_pinning(cycle(6, pins={}), rate="1/10", pins=2)
     first, second = (int(label) for label in design.gains)
-    assert (second - first) % 10 == 5
+    assert (second - first) % 6 == 3
     assert any(sentence.startswith("As good") for sentence in design.ties)
     one = design_pinning(cycle(6, pins={}), rate="1/10", pins=1)
     assert "would cost the same" in one.ties[0]
@@ -323,7 +324,7 @@ def test_mixed_components_and_modes_that_share_their_gains_are_designed_and_boun
 def test_certify_proves_the_designed_problem():
     """The paper's cycle: the linearised loop of the design is what Lemma 1 and Theorem 1 ask for."""
     design = design_pinning("paper-fixed", rate="1/20", pins=1)
-    check = next(check for check in dd.certify(design.problem).checks if check.id == "lemma1")
+    check = next(check for check in consensus_claims(design.problem).checks if check.id == "lemma1")
     assert check.verdict is Verdict.PROVED and check.rate >= 0.05
 
 

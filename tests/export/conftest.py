@@ -1,0 +1,11 @@
+"""What the tests of several exports share."""
+
+import pytest
+
+from dobc_design.export import c_folder
+
+
+@pytest.fixture
+def recorded_briefly(monkeypatch):
+    """The runs whose samples are the test vectors of C code last 1 s."""
+    monkeypatch.setattr(c_folder, "SECONDS", 1.0)

@@ -286,7 +286,7 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
 
 
 @cache
-def _command() -> Callable[..., Any]:
+def _commands() -> Callable[..., Any]:
     """The commands as typer reads them from the signatures, once."""
     return get_command(app)
 
@@ -305,7 +305,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         if sys.stdout is None:
             raise output.NoOutput("it is closed")
-        run = partial(_command(), args=given, prog_name="dobc", standalone_mode=False)
+        run = partial(_commands(), args=given, prog_name="dobc", standalone_mode=False)
         code = _guarded(run, as_json="--json" in given)
         sys.stdout.flush()
     except (output.NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it

@@ -49,7 +49,8 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
     """What is tested with, and how long it takes here: known after the first run."""
     lines = [versions(), kernels()]
     if _is_whole(config):
-        took = config.cache and config.cache.get(_TOOK, None)
+        cache = getattr(config, "cache", None)  # None with -p no:cacheprovider
+        took = cache and cache.get(_TOOK, None)
         known = f"{took:.0f} s here the last time" if took else "one to three minutes on two cores"
         lines.append(f"The fast tests: {known}.")
     return lines
@@ -61,8 +62,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     config = session.config
-    if _is_whole(config) and exitstatus == pytest.ExitCode.OK and config.cache:
-        config.cache.set(_TOOK, time.monotonic() - config.stash[_BEGAN])
+    cache = getattr(config, "cache", None)
+    if cache and _is_whole(config) and exitstatus == pytest.ExitCode.OK:
+        cache.set(_TOOK, time.monotonic() - config.stash[_BEGAN])
 
 
 def _is_whole(config: pytest.Config) -> bool:

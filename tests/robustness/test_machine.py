@@ -43,7 +43,7 @@ def dobc(*arguments: object, before: list[str] = [], **options: Any) -> subproce
 
 
 def certify(out: Path, **options: Any) -> subprocess.CompletedProcess[str]:
-    return dobc("certify", "paper-fixed", "--no-report", "--json", "--out", out, **options)
+    return dobc("certify", "clock-sync", "--no-report", "--json", "--out", out, **options)
 
 
 def refusal(ran: subprocess.CompletedProcess[str], code: int) -> dict[str, Any]:
@@ -58,7 +58,7 @@ def refusal(ran: subprocess.CompletedProcess[str], code: int) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("made")
-    certified("paper-fixed").save(folder)
+    certified("clock-sync").save(folder)
     return folder
 
 
@@ -128,8 +128,8 @@ def test_a_link_in_place_of_a_file_is_replaced_and_its_target_left_alone(folder,
     for name, target in (("certificate.json", mine), ("problem.json", tmp_path / "nowhere")):
         (folder / name).unlink()
         (folder / name).symlink_to(target)
-    assert dobc("certify", "paper-fixed", "--no-report", "--out", folder).returncode == 2  # whose results are these?
-    assert dobc("certify", "paper-fixed", "--no-report", "--out", folder, "--force").returncode == 0
+    assert dobc("certify", "clock-sync", "--no-report", "--out", folder).returncode == 2  # whose results are these?
+    assert dobc("certify", "clock-sync", "--no-report", "--out", folder, "--force").returncode == 0
     assert mine.read_text(encoding="utf-8") == "mine"
     assert not (folder / "certificate.json").is_symlink()
     assert dd.verify((folder / "certificate.json").read_bytes(), folder / "problem.json").holds
@@ -186,13 +186,13 @@ def test_files_that_may_not_be_read_are_mistakes(folder, tmp_path):
     before = unprivileged()
     error = refusal(dobc("check", folder / "problem.json", "--json", before=before), 2)
     assert "cannot be read: Permission denied" in error["message"]
-    error = refusal(dobc("verify", folder, "--problem", "paper-fixed", "--json", before=before), 2)
+    error = refusal(dobc("verify", folder, "--problem", "clock-sync", "--json", before=before), 2)
     assert "cannot be read: Permission denied" in error["message"]
 
 
-COMMANDS = [("problems",), ("check", "paper-fixed"), ("check", "paper-fixed", "--json"), ("schema",), ("--help",)]
-COMMANDS += [("explain", "theorem1"), ("--version",), ("certify", "paper-fixed", "--no-report")]
-COMMANDS += [("certify", "paper-fixed", "--no-report", "--json"), ("verify", "made", "--problem", "paper-fixed")]
+COMMANDS = [("problems",), ("check", "clock-sync"), ("check", "clock-sync", "--json"), ("schema",), ("--help",)]
+COMMANDS += [("explain", "theorem1"), ("--version",), ("certify", "clock-sync", "--no-report")]
+COMMANDS += [("certify", "clock-sync", "--no-report", "--json"), ("verify", "made", "--problem", "clock-sync")]
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made
     assert ran.returncode == 4
     assert "error: standard output cannot be written" in ran.stderr
     for path in tmp_path.glob("*/certificate.json"):
-        assert dd.verify(path.read_bytes(), "paper-fixed").holds
+        assert dd.verify(path.read_bytes(), "clock-sync").holds
 
 
 def test_a_reader_that_takes_one_line_sees_no_traceback(tmp_path):
@@ -229,10 +229,10 @@ def test_a_reader_that_takes_one_line_sees_no_traceback(tmp_path):
 
 @pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full", "<&- 2>&-"])
 @pytest.mark.parametrize(
-    ("command", "code"), [(("certify", "paper-fixed", "--no-report"), 0), (("check", "nowhere"), 2), (("--wrong",), 2)]
+    ("command", "code"), [(("certify", "clock-sync", "--no-report"), 0), (("check", "nowhere"), 2), (("--wrong",), 2)]
 )
 def test_nobody_listening_on_standard_error_changes_no_exit_code(tmp_path, redirection, command, code):
     ran = dobc(*command, cwd=tmp_path, before=["sh", "-c", f'exec "$@" {redirection}', "sh"])
     assert ran.returncode == code
     for path in tmp_path.glob("*/certificate.json"):
-        assert dd.verify(path.read_bytes(), "paper-fixed").holds
+        assert dd.verify(path.read_bytes(), "clock-sync").holds

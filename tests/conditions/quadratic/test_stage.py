@@ -56,6 +56,14 @@ def test_the_largest_ball_is_that_of_the_theory(gains, ball):
     assert "the region asks for 12.6491: beyond, no quadratic V is found. By method: P_e = I: " in check.reason
 
 
+def test_a_ball_that_is_too_small_is_told_with_the_one_asked_for():
+    """Theory, section 20, two agents that hear each other, one k = 3: 3.31, and with sides of 4 sqrt(32) is asked for."""
+    check, _ = stage(ring(2, {1: 3}, side="4"))
+    assert check.verdict is Verdict.PROVED
+    assert check.domain["radius"] == pytest.approx(3.31, abs=0.01)
+    assert "the region asks for 5.65685: beyond, no quadratic V is found. By method: P_e = I: " in check.reason
+
+
 @pytest.mark.evidence
 def test_it_stops_at_the_first_form_that_covers_and_raises_the_rate():
     """All k = 3: P_e = I reaches 2.89, the ball asked for is sqrt(6)/2; near the consensus errors decay at 3 1/s."""

@@ -336,3 +336,18 @@ def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
     said = next(each.reason for each in result.checks if each.id == "max-separable")
     assert "these agents are not held by a pin in every component and hear only each other: 1 in A, 2 in A" in said
     assert accepted_by(json.loads(certificate_bytes(result.claims)), own) == (True, True)
+
+
+def test_weights_settle_where_the_map_shrinks_and_end_where_it_grows_or_takes_too_long():
+    """x >= max(1, G(x)) for G(x) = factor x + 1, whose fixed point is 1 / (1 - factor)."""
+
+    def settled(factor, *, most=100.0, steps=100):
+        return propose_cycles._settled(lambda x: [factor * x[0] + 1], [np.ones(2)], most=most, steps=steps)
+
+    (found,) = settled(0.5)
+    assert found == pytest.approx([2, 2], rel=1e-2)
+    assert np.all(0.5 * found + 1 <= found * (1 + propose_cycles.SETTLED))
+    assert settled(0.5, most=1.5) is None  # too large
+    assert settled(1.1) is None  # grows for ever
+    assert settled(0.9, steps=2) is None  # not within so many steps
+    assert propose_cycles._settled(lambda x: None, [np.ones(2)], most=1.0, steps=1) is None  # no way on

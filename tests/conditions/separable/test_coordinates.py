@@ -14,7 +14,7 @@ from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.coordinates import enclosed_ranges, reaches, slowest_row
 from dobc_design.conditions.separable.decide import covers, verify_composite
-from dobc_design.conditions.separable.propose_coordinates import Agents
+from dobc_design.conditions.separable.propose_coordinates import Agents, _rounded
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import ShapeError
 from dobc_design.exact.matrix import to_float
@@ -226,3 +226,9 @@ def test_an_optional_arc_counts_only_where_it_pulls_outward(gain, rate):
     certificate = certify(problem)
     assert verify(certificate, problem).holds
     assert (certificate.check("max-separable").verdict is Verdict.PROVED) is bool(gain)
+
+
+def test_coordinates_have_a_largest_entry_1_and_none_are_those_of_a_singular_matrix():
+    assert _rounded(np.array([[2.0, 0.0], [1.0, 4.0]])) == ((1, 0), (Fraction(1, 4), 1))
+    for singular in ([[1, 1], [1, 1]], [[0, 0], [1, 2]], [[1, np.nan], [0, 1]], [[1, 0]]):
+        assert _rounded(np.array(singular, dtype=float)) is None

@@ -205,3 +205,15 @@ def test_a_chain_whose_fastest_v_is_too_steep_is_proved_with_a_flatter_one():
     assert check.rate > steep.rate / 3
     problem = cycle(4, gains=5)  # a flat v is not flattened
     assert list(flatter_plans(problem, design_separable(problem, radius=Fraction(1)))) == []
+
+
+def test_large_networks_get_no_delay_and_no_sampling_period(monkeypatch):
+    """Up to a number of arcs they are examined, and beyond it is said that they are not."""
+    problem = pair("tanh(y)").replace(region=side(1))
+    assert stage(problem)["delay"].verdict is PROVED
+    monkeypatch.setattr("dobc_design.conditions.separable.stage.TIMED_ARCS", 0)
+    found = stage(problem)
+    assert found["max-separable"].verdict is PROVED
+    for check in (found["delay"], found["sampling"]):
+        assert check.verdict is UNDECIDED
+        assert check.reason.startswith("left out: the network has 1 arcs; delays and sampling are examined up to 0.")

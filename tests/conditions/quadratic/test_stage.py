@@ -57,7 +57,7 @@ def test_the_largest_ball_is_that_of_the_theory(gains, ball):
 
 
 def test_a_ball_that_is_too_small_is_told_with_the_one_asked_for():
-    """Theory, section 20, two agents that hear each other, one k = 3: 3.31, and with sides of 4 sqrt(32) is asked for."""
+    """Theory, section 20: two agents that hear each other, one k = 3, reach 3.31; sides of 4 ask for sqrt(32)."""
     check, _ = stage(ring(2, {1: 3}, side="4"))
     assert check.verdict is Verdict.PROVED
     assert check.domain["radius"] == pytest.approx(3.31, abs=0.01)

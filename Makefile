@@ -75,7 +75,7 @@ $(READY): pyproject.toml constraints.txt
 	  bare=$${bare:-$$candidate}; \
 	  if "$$candidate" -c 'import ensurepip, venv' >/dev/null 2>&1; then python=$$candidate; break; fi; \
 	done; \
-	echo "Setting up .venv: about 100 packages, 300 MB to download the first time, one to three minutes."; \
+	echo "Setting up .venv: about 100 packages, 1.2 GB on the disk; the first time takes one to three minutes."; \
 	if command -v uv >/dev/null 2>&1; then \
 	  .venv/bin/python -c "$$new_enough" >/dev/null 2>&1 \
 	    || { rm -rf .venv; uv venv --python "$${python:-$${bare:-3.11}}" .venv; }; \

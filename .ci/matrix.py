@@ -8,7 +8,6 @@ Other packages go into temporary environments; this needs pip and a package inde
 """
 
 import argparse
-import importlib.util
 import json
 import os
 import re
@@ -18,6 +17,7 @@ import tempfile
 import time
 import tomllib
 from collections import defaultdict
+from importlib import metadata
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -101,21 +101,22 @@ def core() -> list[str]:
 
 def newest() -> int:
     """Resolve without pins; run the fast tests if a package that the project asks for is newer than the tested one."""
-    ask = [sys.executable, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet", "--report", "-"]
-    if importlib.util.find_spec("pip") is None:
-        say("Skipped: this environment has no pip, which tells which versions are the newest.")
-        return 0
-    answer = subprocess.run([*ask, f"{ROOT}[dev]"], check=False, capture_output=True, text=True)
-    if answer.returncode:
-        say(f"The newest versions cannot be asked for here:\n{answer.stderr[-500:]}")
-        return 1
-    report = json.loads(answer.stdout)["install"]
-    found = {normal(each["metadata"]["name"]): each["metadata"]["version"] for each in report}
-    tested = installed(sys.executable)
-    newer = [f"{name} {tested.get(name)} -> {found[name]}" for name in core() if found[name] != tested.get(name)]
-    if not newer:
-        say(f"The newest allowed versions of all {len(core())} packages that the project asks for are the tested ones.")
-        return 0
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, "-m", "venv", folder], check=True)  # for its pip
+        ask = [f"{folder}/bin/python", "-m", "pip", "install", "--dry-run", "--quiet", "--report", "-"]
+        answer = subprocess.run([*ask, f"{ROOT}[dev]"], check=False, capture_output=True, text=True)
+        if answer.returncode:
+            say(f"The newest versions cannot be found out:\n{answer.stderr[-1000:]}")
+            return int("ResolutionImpossible" in answer.stderr)  # not a failure of the index, but of pyproject.toml
+        report = json.loads(answer.stdout)["install"]
+        found = {normal(each["metadata"]["name"]): each["metadata"]["version"] for each in report}
+        tested = {name: metadata.version(name) for name in core()}
+        newer = [f"{name} {tested[name]} -> {found[name]}" for name in core() if found[name] != tested[name]]
+        if not newer:
+            say(
+                f"Of all {len(tested)} packages that the project asks for the tested version is the newest allowed one."
+            )
+            return 0
     say("Newer than tested: " + ", ".join(newer))
     with tempfile.TemporaryDirectory() as folder:
         ran = fast_tests(environment(folder, sys.executable))

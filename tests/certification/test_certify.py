@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from campaigns import outside_campaign
-from certified import consensus_claims
+from certified import claimed_afresh, consensus_claims
 from exact_oracle import Oracle
 from linked import linked
 from regions import without_region
@@ -54,7 +54,7 @@ def test_no_and_wrong_estimates_change_numbers_and_never_verdicts(monkeypatch, e
     problem = without_region(name)
     before = [(check.id, check.mode, check.verdict) for check in consensus_claims(problem).checks]
     monkeypatch.setattr("dobc_design.conditions.consensus.propose.lambda_tops", estimates)
-    claims = consensus_claims.__wrapped__(problem)  # the others are remembered
+    claims = claimed_afresh(problem)  # the others are remembered
     assert [(check.id, check.mode, check.verdict) for check in claims.checks] == before
     assert verify(claims, problem).holds
 

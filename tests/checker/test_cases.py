@@ -45,12 +45,16 @@ def test_every_problem_of_the_weighted_cases_is_used():
     assert {case.name.partition(":")[0] for case in weighted_cases()} == set(problems())
 
 
-@pytest.mark.parametrize("some", COUNTS)
-def test_the_package_says_the_same(some: Callable[[], list[Case]], monkeypatch: pytest.MonkeyPatch):
+FINE = [pytest.param(some, True, marks=pytest.mark.slow) for some in (tube_cases, cycles_cases)]
+
+
+@pytest.mark.parametrize(("some", "fine"), [*((some, False) for some in COUNTS), *FINE])
+def test_the_package_says_the_same(some: Callable[[], list[Case]], fine: bool, monkeypatch: pytest.MonkeyPatch):
     """Its bounds on boxes are wider where V is not sharp, and it has no limit on the size of a file.  No row has so
     little room here that it takes fine tables or many halves of a segment."""
-    monkeypatch.setattr("dobc_design.conditions.schedule.rows.CELLS", 128)
-    monkeypatch.setattr("dobc_design.conditions.schedule.rows.HALVINGS", 6)
+    if not fine:
+        monkeypatch.setattr("dobc_design.conditions.schedule.rows.CELLS", 128)
+        monkeypatch.setattr("dobc_design.conditions.schedule.rows.HALVINGS", 6)
     wider = [case for case in some() if accepted_by_package(case) != (case.code == HOLDS)]
     assert all((case.code == HOLDS and case.name.startswith("wavy")) or case.name == "too large" for case in wider)
 

@@ -26,7 +26,9 @@ from queue import SimpleQueue
 from random import Random
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
+from certified import FRESH
 from coverage import CoverageData
 from evidence.row import Row
 
@@ -157,8 +159,8 @@ def copied(folder: Path) -> Path:
     return folder
 
 
-def pytest(copy: Path, *arguments: str, timeout: float | None = None) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"}
+def pytest(copy: Path, *arguments: str, timeout: float | None = None, **more: str) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"} | more
     command = (sys.executable, *PYTEST, *arguments)
     output = {"capture_output": True, "text": True}
     return subprocess.run(command, cwd=copy, env=environment, timeout=timeout, check=False, **output)
@@ -178,7 +180,8 @@ def collected() -> Tests:
             f"[run]\nsource = dobc_design\nrelative_files = true\ndata_file = {folder / 'coverage'}\n", "utf-8"
         )
         options = ("--cov", f"--cov-config={rc}", "--cov-context=test", "--cov-report=", "-vv", "--durations=0")
-        ran = pytest(copy, *options, "--durations-min=0", *(f"tests/{each}" for each in ROOMS))
+        tests = [f"tests/{each}" for each in ROOMS]
+        ran = pytest(copy, *options, "--durations-min=0", *tests, **{FRESH: "1"})
         if ran.returncode:
             raise RuntimeError(f"the unchanged sources fail:\n{ran.stdout[-3000:]}")
         shutil.rmtree(copy)

@@ -293,7 +293,7 @@ def test_no_path_is_wrong_at_the_edge(name: str):
 
 def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
     """A zero eigenvalue is allowed there and only there; witnesses are multiplied out in Python integers."""
-    for small, table in edges()[:120:4] + edges()[120::2]:  # some of each sign and size
+    for small, table in edges()[3:120:4] + edges()[120::2]:  # some of each sign and size
         M = exact.IntegerSymmetric.from_floats(table)
         strict, weak = exact.decide_positive_definite(M), exact.decide_positive_semidefinite(M)
         assert (weak.verdict is PROVED) == (small >= 0)
@@ -312,7 +312,7 @@ def test_the_semidefinite_twin_is_right_at_the_edge_and_witnesses_refute():
 @pytest.mark.parametrize("size", [4, 16, pytest.param(64, marks=pytest.mark.slow)])
 def test_z_matrices_at_the_edge(size: int):
     """The small eigenvalue belongs to v = 1: M v = small v decides by its sign, both ways."""
-    for power in POWERS[::4]:
+    for power in POWERS[3::4]:
         for sign in (-1, 0, 1):
             small = sign * Fraction(1, 2**power)
             matrix = z_edge_matrix(size, small)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from shown import Page, compare_html, html_report
 
-from dobc_design import Certificate, Network, Verdict
+from dobc_design import Certificate, Network, Verdict, load_problem, simulate
 from dobc_design.conditions.check import Check, Fix, Values, Witness
 from dobc_design.report.words import sentence
 
@@ -168,8 +168,12 @@ def test_the_bytes_are_the_same_whatever_style_the_process_has_and_this_is_left_
 ):
     import matplotlib
 
+    problem = load_problem("clock-sync")
+    run = simulate(problem, t_final=1, samples=11)
+    drawn = run.plot().file("svg")
     with matplotlib.rc_context({"font.size": 30, "axes.facecolor": "red", "svg.fonttype": "path"}):
         assert html_report(**asked_for) == region
+        assert run.plot().file("svg") == drawn
         assert matplotlib.rcParams["font.size"] == 30
 
 

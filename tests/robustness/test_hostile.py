@@ -53,7 +53,7 @@ BYTES = {
 
 def take(read: Callable[[bytes], Any], data: bytes, error: type[Exception]) -> Any:
     """What the reader makes of it: a value, or None where it refuses; never long, never another exception."""
-    with time_limit(LIMIT):
+    with time_limit(ALONE):
         try:
             return read(data)
         except error as refusal:

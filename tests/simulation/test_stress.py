@@ -121,11 +121,11 @@ def test_a_frozen_agent_keeps_its_input_and_what_others_hear_of_it():
 @pytest.mark.parametrize("stress", [Stress(saturation=0.5), Stress(period=0.02, loss=0.2), Stress(loss=0.2)], ids=str)
 def test_moving_agents_can_be_stressed(stress: Stress):
     network = dd.Network.from_arcs({"G": []}, arrow="listens_to", agents=6)
-    problem = dd.Problem(network=network, coupling="y", target=[0, 0], gains=1)
+    problem = dd.Problem(network=network, coupling="y", target=[0, 0], gains={"1": 1})  # the others hear of it
     start = np.random.default_rng(2).uniform(-1, 1, size=(6, 2))
     run = simulate(problem, signal=dd.signals.Mobile(radius=1.2, hysteresis=0.1), start=start, t_final=4, stress=stress)
     assert len(run.switches) > 1
-    assert run.final_error < 0.05
+    assert run.final_error < 0.25  # 0.89 if nobody hears anybody
 
 
 @pytest.mark.parametrize("stress", [Stress(period=0.4), Stress(saturation=0.01, disturbance=2.0, frequency=0)], ids=str)

@@ -23,6 +23,8 @@ from dobc_design.problem.canonical import canonical_bytes
 
 #: The environment variable that names the folder; ``conftest.py`` makes it.
 FOLDER = "DOBC_TESTS_OF_THIS_RUN"
+#: Set where it is asked which tests walk which lines: then nothing is shared.
+FRESH = "DOBC_TESTS_FRESH"
 LONGEST = 120.0  # seconds that one worker waits for what another makes
 
 MADE: dict[tuple[object, ...], Certificate] = {}
@@ -41,32 +43,35 @@ def made_once(key: str, make: Callable[[], Any]) -> Any:
     if folder is None:
         return make()
     path = Path(folder) / hashlib.sha256(key.encode()).hexdigest()
-    lock = path.with_suffix(".lock")
-    try:
-        lock.touch(exist_ok=False)
-    except FileExistsError:
-        end = time.monotonic() + LONGEST
-        while not path.exists() and lock.exists() and time.monotonic() < end:
+    lock, end = path.with_suffix(".lock"), time.monotonic() + LONGEST
+    while not path.exists():
+        try:
+            lock.touch(exist_ok=False)
+        except FileExistsError:  # another worker makes it; one that is gone is not waited for for ever
+            if time.monotonic() > end:
+                lock.unlink(missing_ok=True)
             time.sleep(0.01)
-        return pickle.loads(path.read_bytes()) if path.exists() else make()
-    try:
-        result = make()
-    except BaseException:
-        lock.unlink()  # whoever waits makes it, and fails alike
-        raise
-    part = path.with_suffix(".part")
-    part.write_bytes(pickle.dumps(result))
-    part.replace(path)
-    return result
+            continue
+        try:
+            result = make()
+            part = path.with_suffix(f".{os.getpid()}")
+            part.write_bytes(pickle.dumps(result))
+            part.replace(path)
+        finally:
+            lock.unlink(missing_ok=True)
+        return result
+    return pickle.loads(path.read_bytes())
 
 
 def certified(problem: Problem | str, *, everything: bool = False, settling: object = None) -> Certificate:
     """What ``certify`` gives, of a built-in problem or another one."""
     problem = load_problem(problem)
+    make = partial(certify, problem, everything=everything, settling=settling)
+    if FRESH in os.environ:
+        return make()
     key = (problem, everything, settling)
     if key not in MADE:
         text = canonical_bytes(problem).decode()
-        make = partial(certify, problem, everything=everything, settling=settling)
         MADE[key] = made_once(f"certificate {everything} {settling} {text}", make)
     return MADE[key]
 
@@ -78,12 +83,19 @@ def certify_once(problem: Any, *, time_limit: object = None, progress: object = 
     return certified(problem, **options)
 
 
-@cache
 def consensus_claims(problem: Problem) -> Claims:
     """What ``certify`` claims of network, observer, theorems and linearisation alone: nothing is searched for."""
+    return claimed_afresh(problem) if FRESH in os.environ else _claimed(problem)
+
+
+def claimed_afresh(problem: Problem) -> Claims:
+    """The same, made anew."""
     with pytest.MonkeyPatch.context() as patch:
         for stage in ("region_checks", "safety_stage", "accuracy_stage", "other_equilibria"):
             patch.setattr(certification, stage, lambda *arguments, **options: [])
         patch.setattr(certification, "with_cures", lambda problem, checks, *arguments, **options: checks)
         patch.setattr(certification, "agreed", lambda claims, problem: claims)
         return certify(problem).claims
+
+
+_claimed = cache(claimed_afresh)

@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any
 
 import pytest
-from certified import consensus_claims
+from certified import claimed_afresh, consensus_claims
 from checker_cases import FAILS, Case, Document
 
 from dobc_design import Problem, Switching
@@ -31,7 +31,7 @@ def _unweighted(problem: Problem) -> Claims:
     """What is claimed of the consensus, without searching for weights of agents."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(certification, "weighted_stage", lambda *given, **options: [])
-        return consensus_claims.__wrapped__(problem)
+        return claimed_afresh(problem)
 
 
 class Frames:

@@ -35,9 +35,12 @@ INVERSE = [1, 3, 2.5, 2, 1.5] * 2
 
 
 @pytest.fixture(autouse=True)
-def coarse_steps(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Responses of the observer are followed in fewer steps, which costs less than 1e-4 of a bound."""
-    monkeypatch.setattr(stage, "FINEST", 0.03)
+def coarse_steps(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """Responses of the observer are followed in fewer steps, which costs less than 1e-4 of a bound; not in slow tests,
+    and not where a bound is known."""
+    as_it_is = request.node.get_closest_marker("slow") or "the_known_bounds" in request.node.name
+    if not as_it_is:
+        monkeypatch.setattr(stage, "FINEST", 0.03)
 
 
 def row(problem: Problem) -> Check:

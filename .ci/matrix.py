@@ -22,9 +22,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PINS = ROOT / "constraints.txt"
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-#: Set up without a download of build tools, as the Makefile does.
-BUILDS = "setuptools"
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+PROJECT = PYPROJECT["project"]
+#: Installed beside the rest, as the Makefile does, and not downloaded for every build.
+BUILDS = PYPROJECT["build-system"]["requires"]
 HEAD = """\
 # The versions that the tests run with, of every package that is installed with dobc_design and all its extras.
 # `make` installs these.  Written by .ci/matrix.py.
@@ -40,7 +41,7 @@ def environment(folder: str, python: str, *wanted: str) -> str:
     subprocess.run([python, "-m", "venv", folder], check=True)
     inside = str(Path(folder) / "bin" / "python")
     pip = [inside, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    subprocess.run([*pip, *wanted, BUILDS], check=True)
+    subprocess.run([*pip, *wanted, *BUILDS], check=True)
     subprocess.run([*pip, *wanted, "--no-build-isolation", "--editable", f"{ROOT}[dev]"], check=True)
     return inside
 

@@ -159,7 +159,9 @@ def shell(*arguments: str, **environment: str) -> subprocess.CompletedProcess[st
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="bash")
-def test_bash_gets_a_script_and_then_its_answers(tmp_path):
+def test_bash_gets_a_script_and_then_its_answers(tmp_path, monkeypatch):
+    """In an empty folder: files of the present one are offered, too."""
+    monkeypatch.chdir(tmp_path)
     command = f"{sys.executable} -m dobc_design --show-completion; true"
     script = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, timeout=120)
     assert "complete -o default -F _dobc_completion dobc" in script.stdout

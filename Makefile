@@ -35,7 +35,7 @@ types: $(READY) ## types of the code
 slow: $(READY) ## the slow tests, several minutes
 	.venv/bin/python -m pytest -n 2 --dist worksteal --benchmark-disable -m "slow and not evidence"
 
-newest: $(READY) ## the fast tests, where newer packages are out than are pinned
+newest: $(READY) ## fast tests, where newer packages are out than are pinned
 	.venv/bin/python .ci/matrix.py newest
 
 evidence: $(READY) ## the full counts, many minutes; prints one table

@@ -1,7 +1,7 @@
 """What the tests are run with: the pinned packages of constraints.txt, newer and older ones, other settings.
 
     python3 .ci/matrix.py pins [--keep] PYTHON ...  # writes constraints.txt; --keep: versions that it has stay
-    python3 .ci/matrix.py newest                    # the fast tests, where newer packages are out than are pinned
+    python3 .ci/matrix.py newest                    # fast tests, where newer packages are out than are pinned
     python3 .ci/matrix.py table [PYTHON ...]        # the fast tests under every setting, with these Pythons, too
 
 Other packages go into temporary environments; this needs pip and a package index.
@@ -26,6 +26,22 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
 PROJECT = PYPROJECT["project"]
 #: Installed beside the rest, as the Makefile does, and not downloaded for every build.
 BUILDS = PYPROJECT["build-system"]["requires"]
+#: The rooms that call other packages most; the table runs all.
+MEETING = tuple(
+    f"tests/{room}"
+    for room in (
+        "problem",
+        "solvers",
+        "model",
+        "simulation",
+        "plotting",
+        "report",
+        "export",
+        "cli",
+        "sweeps",
+        "analysis",
+    )
+)
 HEAD = """\
 # The versions that the tests run with, of every package that is installed with dobc_design and all its extras.
 # `make` installs these.  Written by .ci/matrix.py.
@@ -101,7 +117,7 @@ def core() -> list[str]:
 
 
 def newest() -> int:
-    """Resolve without pins; run the fast tests if a package that the project asks for is newer than the tested one."""
+    """Resolve without pins; run fast tests if a package that the project asks for is newer than the tested one."""
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)  # for its pip
         ask = [f"{folder}/bin/python", "-m", "pip", "install", "--dry-run", "--quiet", "--report", "-"]
@@ -120,7 +136,7 @@ def newest() -> int:
             return 0
     say("Newer than tested: " + ", ".join(newer))
     with tempfile.TemporaryDirectory() as folder:
-        ran = fast_tests(environment(folder, sys.executable))
+        ran = fast_tests(environment(folder, sys.executable), *MEETING)
     say(ran.stdout[-5000:])
     return ran.returncode
 
@@ -130,10 +146,10 @@ def lowest() -> list[str]:
     return [re.sub(r">=([\d.]+).*", r"==\1", each) for each in PROJECT["dependencies"]]
 
 
-def fast_tests(python: str, **more: str) -> subprocess.CompletedProcess[str]:
-    """Run them; what they print is kept."""
+def fast_tests(python: str, *rooms: str, **more: str) -> subprocess.CompletedProcess[str]:
+    """Run those of these rooms, or all; what they print is kept."""
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    command = [python, "-m", "pytest", "-n", "2", "--dist", "worksteal", "--benchmark-disable"]
+    command = [python, "-m", "pytest", *rooms, "-n", "2", "--dist", "worksteal", "--benchmark-disable"]
     return subprocess.run(command, check=False, cwd=ROOT, env=clean | more, capture_output=True, text=True)
 
 

@@ -16,7 +16,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -291,6 +291,10 @@ def _commands() -> Callable[..., Any]:
     return get_command(app)
 
 
+def _run(arguments: list[str]) -> Any:
+    return _commands()(args=arguments, prog_name="dobc", standalone_mode=False)
+
+
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code.  No exception gets out of here."""
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -305,8 +309,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     try:
         if sys.stdout is None:
             raise output.NoOutput("it is closed")
-        run = partial(_commands(), args=given, prog_name="dobc", standalone_mode=False)
-        code = _guarded(run, as_json="--json" in given)
+        code = _guarded(lambda: _run(given), as_json="--json" in given)
         sys.stdout.flush()
     except (output.NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
         with suppress(OSError, ValueError, AttributeError):  # Python is not to complain at exit

@@ -46,7 +46,8 @@ def accuracy(case: Certificate, check: Any) -> None:
     need(1 <= len(exact.stages) <= STAGES, f"there is not between 1 and {STAGES} stages")
     for each in exact.stages:
         need(each.alpha > 0 and each.level > 0, "a number of a stage is not positive")
-        need(each.rho >= each.level if curved else each.rho is None, "rho is not what these couplings need")
+        need((each.rho is not None) == curved, "rho is not what these couplings need")
+        need(each.rho is None or each.rho >= each.level, "rho is below the level")
     first, S = exact.stages[0], inverse(exact.T) if turned else []
     if curved:
         starts(case, check.domain, "box")

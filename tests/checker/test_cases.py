@@ -5,8 +5,8 @@ from collections.abc import Callable
 import pytest
 from accuracy_cases import accuracy_cases
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case, accepted_by_package, cases, misjudged
-from checker_mutants import FILES, Removal, removals
-from checker_removals import EQUIVALENT, noticed_by
+from checker_mutants import FILES, Removal, removals, with_slip
+from checker_removals import EQUIVALENT, noticed_by, outcome
 from cycles_cases import cycles_cases
 from dynamics_cases import dynamics_cases
 from graphs_cases import graphs_cases
@@ -61,6 +61,14 @@ def test_the_package_says_the_same(some: Callable[[], list[Case]], fine: bool, m
 
 #: Of the other files a few: the evidence tries them all.
 FEW = (
+    ("accuracy", "turned or (p.B is None and all((h.single for h in p.couplings)))"),
+    ("accuracy", "p.B is None"),
+    ("accuracy", "all((h.single for h in p.couplings))"),
+    ("accuracy", "plant.measurement == 0"),
+    ("accuracy", "(each.rho is not None) == curved"),
+    ("files", "self.nodes"),
+    ("files", "self.drift is None or self.nodes or stable(self.drift)"),
+    ("examine", "not p.nodes"),
     ("consensus", "product(P, W) == Q"),
     ("consensus", "semidefinite(RG)"),
     ("files", "len(echelon(file.B)[0]) == columns"),
@@ -81,6 +89,20 @@ REMOVED = [
 @pytest.mark.parametrize("removal", REMOVED, ids=str)
 def test_the_removal_of_a_check_is_noticed(removal: Removal):
     assert noticed_by(removal) is not None
+
+
+#: Slips that accept what is false.
+SLIPS = (
+    ("margins", "square[k][k] == -w", "square[k][k] == w", margins_cases),
+    ("accuracy", "bottom) + noise)[1]", "bottom) - noise)[1]", accuracy_cases),
+    ("accuracy", "Fraction(v[i] + v[arc.j], bottom)", "Fraction(v[i] - v[arc.j], bottom)", accuracy_cases),
+)
+
+
+@pytest.mark.parametrize(("file", "text", "slip", "some"), SLIPS)
+def test_a_slip_in_a_row_is_noticed(file: str, text: str, slip: str, some: Callable[[], list[Case]]):
+    module = with_slip(file, text, slip)
+    assert any(outcome(module.examine, module.Refused, case) == HOLDS for case in some() if case.code == FAILS)
 
 
 def test_the_checks_are_found():

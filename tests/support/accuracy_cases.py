@@ -3,6 +3,9 @@
 On every agent acts 1/10, and 1/50 of noise: on what its gain holds, on both sides of an arc, and through the observer.
 One agent, h = y, k = 3: 1/10 + 3/50 = 4/25, so that alpha = 1 leaves 2 level >= 4/25.
 tanh on the arc of two: 4/25 on agent 1, 1/10 + 1/25 on agent 2, tanh((v_2 - v_1) s) >= 0.14 + alpha v_2 s at both ends.
+y + y^3 on the arc of two, k = 2, noise 1/50: with v = (1/2, 1) an argument reaches 3/2 + 1/25 and the slope
+1 + 3 1.54^2 = 8.1148, so that 8.1148/25 = 0.324592 acts on agent 2;
+s/2 + s^3/8 = 0.327 at s = 3/5 but 0.311 at s = 23/40.
 With A - W C = -2 the peak gains are 1, 1/2 and 2 + 2; in steps of 1/20 h^2/6 of them more: tanh(2 s) >= 0.38541 + ...
 """
 
@@ -21,6 +24,7 @@ from region_cases import GLOBAL, box, claim
 from dobc_design import Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
+from dobc_design.problem.dynamics import Dynamics
 
 Change = Callable[[Any, Any], None]
 PEAKS = ("disturbance", "drift", "measurement")
@@ -37,7 +41,7 @@ def peaks(*values: str, steps: int) -> Document:
     return {"peaks": dict(zip(PEAKS, values, strict=True)) | {"step": "1/20", "steps": steps}}
 
 
-def accuracy(domain: Any, bounds: list[str], *stages: Document, **exact: Any) -> Document:
+def accuracy(domain: Any, bounds: list[Any], *stages: Document, **exact: Any) -> Document:
     told = {str(k + 1): bound for k, bound in enumerate(bounds)}
     return claim("accuracy", domain, None, {"stages": list(stages), "bounds": told} | exact)
 
@@ -46,6 +50,16 @@ LONE = accuracy(GLOBAL, ["2/25"], stage("1", level="2/25", alpha="1"))
 WIDE = stage("1", "2", level="1/4", alpha="1/20", rho="1")
 NEAR = stage("1", "3", level="0.08", alpha="1/20", rho="0.26")
 CURVED = accuracy(box(1), ["0.08", "0.24"], WIDE, NEAR)
+STEEP: dict[str, Any] = {"coupling": "y + y**3", "gains": {1: 2}, "uncertainty": {"measurement": "1/50"}}
+STEEP_STAGE = stage("1/2", "1", level="3/5", alpha="1/1000000", rho="1")
+PASSED_ON = accuracy(box(0.5), ["3/10", "3/5"], STEEP_STAGE)
+# With B = 2 w acts twice: e' = 2 (w - e) ends at 1/10.  Of (y1 + 5 y2, y2) the second component pulls the first.
+TWICE = {"coupling": "y", "gains": 1, "dynamics": Dynamics(A=[[0]], B=[[2]]), "uncertainty": {"disturbance": "1/10"}}
+MIXED = {"coupling": ["y1 + 5*y2", "y2"], "gains": 1, "target": [0, 0], "uncertainty": {"disturbance": "1/10"}}
+# Row 1 of agent 2: 1 + 1/10 - 1 + 1/10 - 1 + alpha + (1/10)/level <= 0.
+SLANTED = MIXED | {"coupling": ["y1 + y2/10", "y2"]}
+SLOPES = [{"coupling": 0, "gains": [[["1", "1"], ["1/10", "1/10"]], [["0", "0"], ["1", "1"]]]}]
+UNIT = [["1", "0"], ["0", "1"]]
 # The peak gains of the paper's observer are 1.33276, 0.70728 and 7.62999, a little more in these steps: 0.48227 acts,
 # and 2 level has to be as large.
 HARMONIC = peaks("1.3389", "0.7098", "7.6441", steps=150)
@@ -90,6 +104,12 @@ def scaled(factor: str, *path: Any) -> Change:
     return put(lambda number: str(Fraction(factor) * Fraction(number)), *path)
 
 
+def _at(level: str) -> list[Change]:
+    """Another level of ``PASSED_ON``, with its bounds."""
+    bounds = {"1": str(Fraction(level) / 2), "2": level}
+    return [put(level, "exact", "stages", 0, "level"), put(bounds, "exact", "bounds")]
+
+
 @cache
 def accuracy_cases() -> list[Case]:
     """All of them, the good ones first."""
@@ -97,12 +117,17 @@ def accuracy_cases() -> list[Case]:
     curved = two(coupling="tanh(y)", uncertainty=ALL, region=REGION), CURVED
     seen = one(coupling="y", uncertainty=ALL, **SEEN), SHARP
     both = two(coupling="tanh(y)", uncertainty=ALL, region=BOX, **WATCHED), BOTH
+    steep = two(**STEEP), PASSED_ON
+    plane = stage("1", "1", "1", "1", level="1/4", alpha="1/4") | {"ranges": SLOPES}
+    turned = two(**SLANTED), accuracy(GLOBAL, [["1/4", "1/4"]] * 2, plane, T=UNIT)
+    by_component = accuracy(GLOBAL, ["2/25", "2/25"], stage("1", "1", level="2/25", alpha="1/10"))
+    wider = accuracy(GLOBAL, ["1/5", "1/5"], stage("1", "1", level="1/5", alpha="1/10"))
     far = ("exact", "stages", -1, "level"), ("exact", "bounds", "1")
     loose = [scaled("1000", *path) for path in far] + [scaled("100", "exact", "peaks", x) for x in PEAKS]
     sharp = put("sqrt(y + 1) - 1", "coupling", "h", of="problem")
     beyond = [put("1/2", "exact", "stages", 1, "level"), put({"1": "1/2", "2": "3/2"}, "exact", "bounds")]
     return [
-        *(bent(*each, f"good {k}", code=HOLDS) for k, each in enumerate((lone, curved, seen, both))),
+        *(bent(*each, f"good {k}", code=HOLDS) for k, each in enumerate((lone, curved, seen, both, steep, turned))),
         bent(*seen, "loose", *loose, code=HOLDS),
         *(bent(*seen, f"smaller peak gain of {x}", scaled("0.999", "exact", "peaks", x)) for x in PEAKS),
         *(bent(*both, f"a peak gain of {x} below", scaled("0.999", "exact", "peaks", x)) for x in PEAKS),
@@ -128,4 +153,10 @@ def accuracy_cases() -> list[Case]:
         bent(*lone, "bound", scaled("0.9999", "exact", "bounds", "1")),
         *(bent(*each, f"lower {k}", scaled("9/10", *far[0])) for k, each in enumerate((lone, curved, seen, both))),
         bent(*curved, "a slope without bound", sharp),
+        *(bent(*curved, f"no rho in stage {k}", put(None, "exact", "stages", k, "rho")) for k in (0, 1)),
+        bent(*steep, "noise that shortens the reach", *_at("23/40")),
+        bent(*steep, "half of the noise of an arc", *_at("3/10")),
+        bent(two(**TWICE), by_component, "dynamics by component"),
+        bent(two(**MIXED), wider, "a list by component"),
+        bent(*turned, "noise in coordinates", put("1", "uncertainty", "measurement", of="problem")),
     ]

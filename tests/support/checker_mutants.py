@@ -68,6 +68,15 @@ def without(removal: Removal) -> ModuleType:
     return _examiner(f"{removal.file}_without_{removal.place}", {removal.file: changed})
 
 
+def with_slip(file: str, text: str, slip: str) -> ModuleType:
+    """The module that examines, in a package of its own, with a text that stands once in a file replaced."""
+    source = SOURCES[file]
+    if source.count(text) != 1:
+        raise ValueError(f"{text!r} stands {source.count(text)} times in {file}.py")
+    changed = compile(source.replace(text, slip), file, "exec")
+    return _examiner(f"{file}_with_{len(slip)}_{source.index(text)}", {file: changed})
+
+
 class Watched:
     """The module that examines, and which of its checks have not passed: not true, or ended by an exception."""
 

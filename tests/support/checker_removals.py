@@ -32,6 +32,7 @@ FIRST: dict[str, tuple[Callable[[], list[Case]], ...]] = {
     "cycles": (cycles_cases,),
     "graphs": (graphs_cases,),
     "coordinates": (dynamics_cases, region_cases),
+    "examine": (dynamics_cases, cases),
 }
 #: Removals that no case can notice, each with the reason.
 EQUIVALENT = {

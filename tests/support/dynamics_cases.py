@@ -88,6 +88,8 @@ def problems() -> dict[str, Problem]:
         "turned": line(**turned),
         "pendulum": line(dynamics=Dynamics(f=["x2", "-sin(x1) - x2"], B=[[0], [1]])),
         "bent": alone(0, "y", 1).replace(dynamics=Dynamics(f=["-x - x**3"])),
+        "cubic pull": alone(0).replace(dynamics=Dynamics(f=["-x**3"])),
+        "cubic push": alone(0, gain=1).replace(dynamics=Dynamics(f=["x**3"])),
         "second": line(network=BOTH_WAYS, coupling="sin(y)", dynamics=Dynamics(f=["-x**3"]), gains="1/10", region=WIDE),
         "led": line(**cubic),
         "led near": line(**cubic | {"leader": near, "region": {"initial_states": ["-1/4", "1/4"]}}),
@@ -207,6 +209,12 @@ def dynamics_cases() -> list[Case]:
     rows = claim("max-separable", box, 0.25, {"v": ["1", "1"], "alpha": "1/4", "rho": "1"})
     found.append(case("rows do not know what is left of f", "bent", rows, FAILS))
     found.append(case("an equilibrium that f moves", "second", second_box(), FAILS))
+    # Nobody is pinned, and x' = -x^3 comes to rest at the target; x' = x^3 - x leaves the box |e| <= 10.
+    pulled = case("undecided", "cubic pull", None, HOLDS)
+    refuted = json.loads(pulled.certificate) | {"verdict": "refuted"}
+    found += [pulled, Case("cubic pull: refuted", json.dumps(refuted).encode(), pulled.problem, FAILS)]
+    held = claim("safety", box | {"radius": 10}, None, {"rho": "10", "rate": None})
+    found.append(case("safe", "cubic push", held, FAILS))
     return [*found, *_coordinates(), *_held(), *_files(), *_led()]
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from fractions import Fraction
 from functools import cache
 from typing import Any
 
@@ -29,6 +30,13 @@ def one(**more: Any) -> Problem:
 @cache
 def _made(problem: Problem) -> tuple[bytes, bytes]:
     return canonical_bytes(problem), certificate_bytes(certified(problem).claims)
+
+
+def _inputs(problem: Problem) -> dict[str, str]:
+    """The largest inputs that `certify` claims."""
+    checks = json.loads(_made(problem)[1])["checks"]
+    actuators = next(each for each in checks if each["id"] == "actuators")
+    return dict(actuators["exact"]["inputs"])
 
 
 def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, without: str = "", **changes: Any) -> Case:
@@ -61,10 +69,16 @@ def margins_cases() -> list[Case]:
     kinked = one(uncertainty=table, region=REGION, coupling="y + abs(y)/2")
     limited = one(region=REGION, actuators={"limit": 9})
     start = [["1/2", "1/2"]]
+    sine = one(**SEEN, **WIDE)
+    # What the errors need, and sqrt(1/2) of the sine that starts at (1/2, 1/2): |C xi0|^2 + |C A xi0|^2 / 4.
+    beside = Fraction(_inputs(sine)["1"]) - 9
     return [
         *(bent(each, "tolerance", code=HOLDS) for each in (near, seen, unknown)),
         bent(limited, "actuators", code=HOLDS),
-        bent(one(**SEEN, **WIDE), "actuators", code=HOLDS, table=start, inputs={"1": "90"}),
+        bent(sine, "actuators", code=HOLDS, table=start, inputs={"1": "90"}),
+        bent(sine, "actuators", code=HOLDS, table=start, inputs={"1": str(beside + Fraction("0.7072"))}),
+        bent(sine, "actuators", table=start, inputs={"1": str(beside + Fraction("0.7"))}),
+        bent(sine, "actuators", table=start, inputs={"1": str(beside)}),
         bent(near, "tolerance", weights="1/20"),
         bent(near, "tolerance", gains="1/20"),
         bent(near, "tolerance", weights="2"),
@@ -85,7 +99,7 @@ def margins_cases() -> list[Case]:
         bent(limited, "actuators", inputs={"1": "9", "2": "9"}),
         bent(limited, "actuators", inputs={"1": "2"}),
         bent(limited, "actuators", inputs={"1": "10"}),
-        bent(one(**SEEN, **WIDE), "actuators", table=[["1"]], inputs={"1": "90"}),
+        bent(sine, "actuators", table=[["1"]], inputs={"1": "90"}),
         bent(one(**SWELLING, **WIDE), "actuators", table=[["1", "0"]], inputs={"1": "9000"}),
         bent(one(**RISING, **WIDE), "actuators", table=[["1", "1"]], inputs={"1": "9000"}),
     ]

@@ -1,0 +1,99 @@
+"""One value of a good certificate or problem replaced by another: the second program accepts or refuses, cleanly."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from functools import cache
+from random import Random
+from typing import Any
+
+import pytest
+from checker_cases import FAILS, HOLDS, UNREADABLE, Case
+from checker_removals import EVERY, outcome
+
+from dobc_design.checker import examine
+
+VALUES: tuple[Any, ...] = (None, [], {}, "", 0, -1, "0", "-1", "1e400", "-1e400", 10**300, True, [None], {"a": None})
+LARGEST = 40_000  # bytes of a file that is changed
+Place = tuple[Any, Any]  # what holds the value, and its key or index
+
+
+def places(tree: Any) -> Iterator[Place]:
+    keys = list(tree) if isinstance(tree, dict) else range(len(tree)) if isinstance(tree, list) else ()
+    for key in keys:
+        yield tree, key
+        yield from places(tree[key])
+
+
+@cache
+def good() -> tuple[Case, ...]:
+    every = (case for some in EVERY for case in some())
+    return tuple(case for case in every if case.code == HOLDS and len(case.certificate) < LARGEST)
+
+
+@cache
+def of_each_kind() -> dict[str, Case]:
+    """The shortest good certificate with a claim of this id."""
+    found: dict[str, Case] = {}
+    for case in sorted(good(), key=lambda case: len(case.certificate)):
+        for check in json.loads(case.certificate)["checks"]:
+            if check["verdict"] != "undecided":
+                found.setdefault(check["id"], case)
+    return found
+
+
+def rehashed(case: Case, problem: bytes) -> Case:
+    """The certificate beside another problem file, with its hash."""
+    document = json.loads(case.certificate)
+    document["problem_sha256"] = hashlib.sha256(problem).hexdigest()
+    return Case(case.name, json.dumps(document).encode(), problem, case.code)
+
+
+def said_of(case: Case) -> int | str:
+    return outcome(examine.examine, examine.Refused, case)
+
+
+IDS = (
+    *("max-separable", "delay", "sampling", "tolerance", "actuators", "equilibrium", "lure", "schedule", "markov"),
+    *("safety", "settling", "accuracy", "theorem1", "theorem1-weighted", "linearisation", "hurwitz", "lemma1"),
+)
+
+
+@pytest.mark.parametrize("id", IDS)
+def test_null_in_place_of_an_exact_value_is_refused(id: str):
+    case = of_each_kind()[id]
+    document = json.loads(case.certificate)
+    check = next(each for each in document["checks"] if each["id"] == id and each["verdict"] != "undecided")
+    parts = {part: check[part] for part in ("exact", "witness") if part in check}
+    changed = [(holder, key) for holder, key in list(places(parts))[:60] if holder[key] is not None]
+    for holder, key in changed:
+        value = holder[key]
+        holder[key] = None
+        # The parts themselves belong to the check.
+        bent = document if holder is not parts else _with_parts(document, check, parts)
+        code = said_of(Case(case.name, json.dumps(bent).encode(), case.problem, FAILS))
+        # rho null says more of linear couplings, and is true there.
+        assert code in (FAILS, UNREADABLE) or (code == HOLDS and key == "rho")
+        holder[key] = value
+
+
+def _with_parts(document: dict[str, Any], check: dict[str, Any], parts: dict[str, Any]) -> dict[str, Any]:
+    return document | {"checks": [each | parts if each is check else each for each in document["checks"]]}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_another_value_ends_in_a_finding_or_in_a_refusal(seed: int):
+    """Three of four changes are of the certificate, the others of the problem."""
+    draw, codes = Random(seed), set()
+    for number in range(100):
+        case = draw.choice(good())
+        of_problem = number % 4 == 0
+        document = json.loads(case.problem if of_problem else case.certificate)
+        holder, key = draw.choice(list(places(document)))
+        holder[key] = draw.choice(VALUES)
+        data = json.dumps(document).encode()
+        changed = rehashed(case, data) if of_problem else Case(case.name, data, case.problem, FAILS)
+        code = said_of(changed)
+        assert code in (HOLDS, FAILS, UNREADABLE), (case.name, key, holder[key], code)
+        codes.add(code)
+    assert codes >= {FAILS, UNREADABLE}

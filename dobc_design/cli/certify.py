@@ -190,6 +190,7 @@ def _certified(
 
 def _head(certificate: Certificate) -> dict[str, Any]:
     """What both documents begin with."""
+    from dobc_design.problem.contradictions import warnings
     from dobc_design.problem.meaning import remarks
 
     return {
@@ -197,6 +198,7 @@ def _head(certificate: Certificate) -> dict[str, Any]:
         "reason": certificate.reason,
         "rate": certificate.rate,
         "covered_by": certificate.covered_by,
+        "warnings": list(warnings(certificate.problem)),
         "remarks": list(remarks(certificate.problem)),
         "problem": certificate.problem.name,
         "problem_sha256": certificate.claims.problem_sha256,

@@ -369,13 +369,18 @@ class Problem(Shown):
         for group in self.groups[:MOST_ITEMS]:
             of = f" of group {group.name}" if self.is_grouped else ""
             facts += [(f"{name}{of}", value) for name, value in group._card().facts]
-        from dobc_design.problem.meaning import disturbance_words, remarks, time_words  # they are about problems
+        # They are about problems.
+        from dobc_design.problem.contradictions import warnings
+        from dobc_design.problem.meaning import disturbance_words, remarks, time_words
+        from dobc_design.problem.words import table_words
 
         facts += [("disturbance", disturbance_words(self, group)) for group in self.groups[:MOST_ITEMS]]
         facts += [("time scales", times)] if (times := time_words(self)) else []
+        facts += [("leader", self.leader)] if self.leader else []
+        facts += table_words(self)
+        facts += [("notes", "  ".join(self.notes))] if self.notes else []
+        facts += [("warning", warning) for warning in warnings(self)]
         facts += [("look at this", remark) for remark in remarks(self)]
-        nouns = [(name, getattr(self, name)) for name in ("leader", "region", "switching", "uncertainty", "actuators")]
-        facts += [(name, value) for name, value in (*nouns, ("notes", "  ".join(self.notes))) if value]
         text = f"{counted(self.n, 'agent')} with {counted(self.m, 'state component')} each"
         return Card(title=self.name, text=text, facts=facts)
 

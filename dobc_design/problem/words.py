@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -11,13 +11,15 @@ from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix, some
 from dobc_design.problem.arrays import unreached
+from dobc_design.problem.contradictions import warnings
 from dobc_design.problem.groups import Group
 from dobc_design.problem.integrators import as_integrators, enclosed
 from dobc_design.problem.leader import enclosure, not_enclosed
 from dobc_design.problem.meaning import disturbance_words, remarks, time_words
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
-from dobc_design.problem.settings import Switching
+from dobc_design.problem.settings import Region, Switching
+from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
 LISTED = 30
 
@@ -46,25 +48,89 @@ def describe(problem: Problem) -> str:
     gains = problem.pinning.gains.items()
     pins = [f"{labels[i]} (k = {gain_text(k)})" for i, k in gains]
     lines.append(f"Pinned: {some(pins, LISTED)}." if pins else "Pinned: nobody.")
-    if problem.offsets:
-        lines.append(
-            f"Formation offsets: {some([f'{labels[i]}: {_vector(o)}' for i, o in problem.offsets.items()], LISTED)}."
-        )
-    lines += [_observer(problem, group) for group in problem.groups]
-    if problem.region is not None:
-        pairs = ", ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in problem.region.initial_states)
-        error = problem.region.initial_disturbance
-        noise = "" if error is None else f", estimation error at most {number_text(error)}"
-        lines.append(f"Region asked for: initial states in {pairs}{noise}.")
-    if problem.switching is not None:
-        lines.append(f"Switching in simulations: {switching_words(problem)}.")
-        lines += guarantee_words(problem.switching)
-    if problem.simulation.x0 is not None:
-        rows = problem.simulation.x0
-        where = f"all agents at {_vector(rows[0])}" if len(rows) == 1 else "every agent at its own"
-        lines.append(f"Simulations start at x0, {where}.")
+    lines += [f"{name[0].upper()}{name[1:]}: {words}." for name, words in table_words(problem)]
     lines += [f"Note: {note}" for note in problem.notes]
     return "\n".join([*lines, *meaning_lines(problem)])
+
+
+def table_words(problem: Problem) -> list[tuple[str, str]]:
+    """What the tables of the file beside network, pins and disturbance say: a name, and the rest of a sentence."""
+    labels, switching = problem.network.labels, problem.switching
+    found = []
+    if problem.offsets:
+        offsets = [f"{labels[i]}: {_vector(offset)}" for i, offset in problem.offsets.items()]
+        found.append(("formation offsets", some(offsets, LISTED)))
+    found += [_observer(problem, group) for group in problem.groups[:LISTED]]
+    if problem.region is not None:
+        found.append(("region asked for", _region_words(problem.region)))
+    if problem.actuators is not None:
+        found.append(("actuators", actuator_words(problem)))
+    if problem.uncertainty is not None:
+        found.append(("uncertainty", uncertainty_words(problem.uncertainty)))
+    if switching is not None:
+        found.append(("switching in simulations", switching_words(problem) or ""))
+    if assumed := guarantee_words(problem):
+        found.append(("proofs may assume", assumed))
+    found.append(("simulations", simulation_words(problem)))
+    return found
+
+
+def _region_words(region: Region) -> str:
+    pairs = ", ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in region.initial_states)
+    error = region.initial_disturbance
+    return f"initial states in {pairs}" + ("" if error is None else f", estimation error at most {number_text(error)}")
+
+
+def actuator_words(problem: Problem) -> str:
+    """What [actuators] says: limits of inputs, and how large the disturbance may be."""
+    table = problem.actuators or Actuators()
+    if isinstance(table.limit, Mapping):
+        limits = some([f"{label}: {number_text(limit)}" for label, limit in table.limit.items()], LISTED)
+        said = f"|u_i| by component is at most {limits}"
+        if len(table.limit) < problem.n:
+            said += "; the inputs of the other agents have no limit"
+    elif table.limit is not None:
+        said = f"|u_i| is at most {number_text(table.limit)} by component, for every agent"
+    else:
+        said = "inputs have no limit"
+    if table.amplitude is not None:
+        return f"{said}; |d_i| is at most {number_text(table.amplitude)} by component"
+    if problem.groups and problem.simulation.xi0 is not None:
+        return f"{said}; |d_i| is as large as from simulation.xi0"
+    return f"{said}; how large |d_i| may be is not said" if problem.groups else said
+
+
+def uncertainty_words(table: Uncertainty) -> str:
+    """What [uncertainty] says: how far the plant may be from the model."""
+    said = []
+    for error, what in ((table.weights, "every arc weight"), (table.gains, "every gain")):
+        if error:
+            said.append(f"{what} may be {number_text(100 * error)} % off")
+    for bound, what in (
+        (table.disturbance, "a disturbance that no exosystem generates, |w_i|,"),
+        (table.drift, "|xi' - A xi|"),
+        (table.measurement, "the noise of every measured state"),
+    ):
+        if bound:
+            said.append(f"{what} is at most {number_text(bound)}")
+    if not said:
+        said.append("nothing is uncertain")
+    if not table.known_to_agents:
+        said.append("the observers do not know the true weights")
+    return "; ".join(said)
+
+
+def simulation_words(problem: Problem) -> str:
+    """What [simulation] says, and what runs do without it: how long, from which seed, from where."""
+    own = problem.simulation
+    said = [f"{number_text(own.t_final)} s, seed {own.seed}"]
+    if own.x0 is not None:
+        where = f"all agents at {_vector(own.x0[0])}" if len(own.x0) == 1 else "every agent at its own"
+        said.append(f"they start at x0, {where}")
+    if own.xi0 is not None:
+        where = f"{_vector(own.xi0[0])} for all agents" if len(own.xi0) == 1 else "one for every agent"
+        said.append(f"the exosystem starts at xi0, {where}")
+    return "; ".join(said)
 
 
 def dynamics_lines(problem: Problem) -> list[str]:
@@ -107,18 +173,26 @@ def gain_text(gain: Matrix) -> str:
 
 
 def meaning_lines(problem: Problem) -> list[str]:
-    """The disturbance and the time scales, and what looks like a slip."""
+    """The disturbance and the time scales, what does not fit together, and what looks like a slip."""
     lines = [
         f"Disturbance{_of(problem, each)}: {disturbance_words(problem, each)}." for each in problem.groups[:LISTED]
     ]
     lines += [f"Time scales near the target: {times}."] if (times := time_words(problem)) else []
+    return [*lines, *caution_lines(problem)]
+
+
+def caution_lines(problem: Problem) -> list[str]:
+    """What does not fit together, and what looks like a slip."""
+    lines = [f"Warning: {warning}" for warning in warnings(problem)]
     return lines + [f"Look at this: {remark}" for remark in remarks(problem)]
 
 
-def _observer(problem: Problem, group: Group) -> str:
-    given = "given" if group.observer.W is not None else "to be designed"
-    P = " P: given, will be tested." if group.observer.P else ""
-    return f"Observer gain W{_of(problem, group)}: {given}.{P}"
+def _observer(problem: Problem, group: Group) -> tuple[str, str]:
+    own, name = group.observer, f"observer gain W{_of(problem, group)}"
+    if own.W is not None:
+        return name, "given" + (". P: given, will be tested" if own.P else "")
+    asked = "" if own.rate is None else f" for a decay rate of {number_text(own.rate)} 1/s"
+    return name, f"to be designed{asked}"
 
 
 def _of(problem: Problem, group: Group) -> str:
@@ -142,19 +216,21 @@ def facts(problem: Problem) -> dict[str, Any]:
         "pinned": [labels[i] for i in problem.pinning.agents],
         "switching": switching_words(problem),
         "notes": list(problem.notes),
+        "warnings": list(warnings(problem)),
         "remarks": list(remarks(problem)),
     }
 
 
-def guarantee_words(switching: Switching) -> list[str]:
-    """What proofs may assume of the signal, in a sentence; nothing without a guarantee."""
-    if switching.guarantee == "sequence":
-        return ["Proofs may assume this order and these times."]
-    if switching.guarantee == "markov":
-        return ["Proofs may assume this Markov chain, with any first mode."]
-    if switching.guarantee == "dwell" and switching.dwell is not None:
-        return [f"Proofs may assume that a mode lasts {lasting(switching.dwell, switching.longest)}."]
-    return []
+def guarantee_words(problem: Problem) -> str:
+    """What proofs may assume of the signal; "" for one mode, where there is nothing to say."""
+    switching = problem.switching
+    if switching is not None and switching.guarantee == "sequence":
+        return "this order and these times"
+    if switching is not None and switching.guarantee == "markov":
+        return "this Markov chain, with any first mode"
+    if switching is not None and switching.guarantee == "dwell" and switching.dwell is not None:
+        return f"a mode lasts {lasting(switching.dwell, switching.longest)}"
+    return "nothing of the signal (any mode, for any time)" if len(problem.network.modes) > 1 else ""
 
 
 def lasting(dwell: Fraction, longest: Fraction | None) -> str:

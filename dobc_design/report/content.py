@@ -12,8 +12,8 @@ from dobc_design.certificate.certificate import Certificate
 from dobc_design.exact.matrix import Matrix, multiply
 from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.dynamics import Dynamics
-from dobc_design.problem.meaning import remarks
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.words import caution_lines
 from dobc_design.report import checks, pictures, words
 from dobc_design.report import document as doc
 from dobc_design.report.plant import plant_section
@@ -104,9 +104,7 @@ def _loop(certificate: Certificate) -> doc.Section:
     notes = certificate.claims.notes[:MOST_NOTES]
     shown: tuple[doc.Block, ...] = (doc.Pictures(drawn, small=True), doc.Text(legend, "caption"))
     facts: tuple[doc.Block, ...] = (doc.Facts(words.loop_facts(certificate)),)
-    facts += tuple(
-        doc.Text(words.sentence(f"Look at this: {remark}"), "warning") for remark in remarks(certificate.problem)
-    )
+    facts += tuple(doc.Text(words.sentence(each), "warning") for each in caution_lines(certificate.problem))
     given = (doc.Section("Given and assumed", (doc.List(notes),)),) if notes else ()
     both = (doc.Beside((shown, (*facts, *given)), second_wider=True),) if len(drawn) == 1 else (*shown, *facts, *given)
     return doc.Section("The loop", (doc.on_pages(*both), doc.in_markdown(*facts, *given)), "loop")

@@ -149,8 +149,8 @@ def test_check_says_where_simulations_start():
     def words(x0) -> str:
         return describe(Problem(network=NETWORK, coupling="y", simulation={"x0": x0}))
 
-    assert "Simulations start at x0, all agents at 2." in words([2])
-    assert "Simulations start at x0, every agent at its own." in words([1, 2, 3])
+    assert "they start at x0, all agents at 2." in words([2])
+    assert "they start at x0, every agent at its own." in words([1, 2, 3])
 
 
 def test_a_list_of_dwells_is_the_schedule_of_a_round():

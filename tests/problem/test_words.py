@@ -1,6 +1,10 @@
 """A problem in words: who listens to whom, who is pinned, who is not reached."""
 
+from html import unescape
+from typing import Any
+
 import networkx as nx
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -22,6 +26,7 @@ def test_words_say_who_listens_to_whom_and_who_is_not_reached():
         "  b listens to c (weight 1/2)",
         "  NOT REACHED from a pinned agent: d.",
         "Pinned: c (k = 9/16).",
+        "Simulations: 20 s, seed 0.",
         "Look at this: Agents without any arc: d. Is an arc missing?",
     ]
 
@@ -53,11 +58,60 @@ def test_words_say_what_else_is_asked():
         "Formation offsets: 2: (3/2, 3/2).",
         "Observer gain W: given. P: given, will be tested.",
         "Region asked for: initial states in [0, 5], [0, 5], estimation error at most 1/2.",
+        "Proofs may assume: nothing of the signal (any mode, for any time).",
+        "Simulations: 20 s, seed 0.",
         "Note: Invented.",
         "Disturbance: sine of 2 rad/s (0.3183 Hz, period 3.142 s).",
         "Time scales near the target: fastest 0.316 s (network), slowest 1 s (observer); sample and integrate with"
         " steps of at most 0.03 s.",
     ]
+
+
+TABLES = (
+    (
+        {"actuators": {"limit": {"a": "1/2", "b": 2}, "amplitude": 3}},
+        "Actuators: |u_i| by component is at most a: 1/2, b: 2; the inputs of the other agents have no limit; |d_i| is "
+        "at most 3 by component.",
+    ),
+    (
+        {"actuators": {"limit": 4}},
+        "Actuators: |u_i| is at most 4 by component, for every agent; how large |d_i| may be ",
+    ),
+    (
+        {"actuators": {"amplitude": 3}, "simulation": {"xi0": [1]}},
+        "Actuators: inputs have no limit; |d_i| is at most 3 by component.",
+    ),
+    ({"actuators": {"limit": 4}, "simulation": {"xi0": [1]}}, "; |d_i| is as large as from simulation.xi0."),
+    (
+        {"uncertainty": {"weights": "0.05", "gains": "0.02", "disturbance": "0.1", "drift": "0.01", "measurement": 1}},
+        "Uncertainty: every arc weight may be 5 % off; every gain may be 2 % off; a disturbance that no exosystem "
+        "generates, |w_i|, is at most 1/10; |xi' - A xi| is at most 1/100; the noise of every measured state is at "
+        "most 1.",
+    ),
+    (
+        {"uncertainty": {"weights": "0.05", "known_to_agents": False}},
+        "Uncertainty: every arc weight may be 5 % off; the observers do not know the true weights.",
+    ),
+    ({"observer": Observer(rate=3)}, "Observer gain W: to be designed for a decay rate of 3 1/s."),
+    (
+        {"simulation": {"t_final": 7, "seed": 3, "x0": [2], "xi0": [1]}},
+        "Simulations: 7 s, seed 3; they start at x0, all agents at 2; the exosystem starts at xi0, 1 for all agents.",
+    ),
+    ({"offsets": {"a": 1}}, "Formation offsets: a: 1."),
+    ({"region": {"initial_states": [0, 1], "initial_disturbance": 1}}, "Region asked for: initial states in [0, 1]"),
+)
+
+
+@pytest.mark.parametrize(("tables", "words"), TABLES, ids=[next(iter(tables)) for tables, _ in TABLES])
+def test_every_table_of_the_file_is_repeated_in_words(tables: dict[str, Any], words: str):
+    """In the text of `check` and of print(problem), and in the HTML view."""
+    given = {"exosystem": Exosystem(A=[[0]], C=[[1]]), **tables}
+    problem = Problem(network=CHAIN, coupling="y", gains={"c": 1}, **given)
+    assert words in str(problem)
+    name, _, sentence = words.rstrip(".").partition(": ")
+    shown = unescape(problem._repr_html_())
+    assert (sentence or name) in shown
+    assert not sentence or name.lower() in shown.lower()
 
 
 def test_long_lists_are_cut():
@@ -80,6 +134,7 @@ def test_facts_are_the_same_for_a_program():
         "pinned": ["c"],
         "switching": None,
         "notes": ["Invented."],
+        "warnings": [],
         "remarks": ["Agents without any arc: d. Is an arc missing?"],
     }
 

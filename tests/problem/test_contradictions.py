@@ -1,0 +1,146 @@
+"""What a file states that cannot be kept together, or that changes nothing: warnings with their numbers."""
+
+from typing import Any
+
+import pytest
+
+from dobc_design import Exosystem, Network, Observer, Problem, Switching, exosystems
+from dobc_design.problem.contradictions import warnings
+from dobc_design.problem.load import builtin_names, load_problem
+
+CHAIN = [(1, 2), (2, 3), (3, 4)]
+TWO_MODES = Network.from_arcs({"a": CHAIN, "b": [*CHAIN, (1, 3)]}, arrow="listens_to", agents=4)
+SINE = exosystems.harmonics(2)
+SOUND: dict[str, Any] = {
+    "network": Network.from_arcs(CHAIN, arrow="listens_to", agents=4),
+    "coupling": "y",
+    "gains": {4: 2},
+    "target": 1,
+    "exosystem": SINE,
+    "region": {"initial_states": [0, 3], "initial_disturbance": 1},
+}
+HZ_AND_RAD = exosystems.of_parts(hz=["1/2"], frequencies=["1/2"])
+TWICE = exosystems.of_parts(hz=["1/2"], frequencies=["3.14"])
+CASES: tuple[tuple[str, dict[str, Any], dict[str, Any], str], ...] = (
+    (
+        "a limit below the amplitude that is stated",
+        {"actuators": {"limit": "1/2", "amplitude": 2}},
+        {"actuators": {"limit": "2.1", "amplitude": 2}},
+        "The actuator limit 0.5 of every agent is below the disturbance, which reaches 2 (actuators.amplitude)",
+    ),
+    (
+        "a limit that the disturbance takes to the last",
+        {"actuators": {"limit": 2, "amplitude": 2}},
+        {"actuators": {"limit": "2.001", "amplitude": 2}},
+        "The actuator limit 2 of every agent equals the disturbance, which reaches 2 (actuators.amplitude): cancelling",
+    ),
+    (
+        "a limit below the amplitude of the runs",
+        {"actuators": {"limit": 4}, "simulation": {"xi0": [3, 4]}},
+        {"actuators": {"limit": "5.1"}, "simulation": {"xi0": [3, 4]}},
+        "The actuator limit 4 of every agent is below the disturbance, which reaches 5 (from simulation.xi0)",
+    ),
+    (
+        "a limit of one agent",
+        {"actuators": {"limit": {1: 9, 3: 1}, "amplitude": 2}},
+        {"actuators": {"limit": {1: 9, 3: 3}, "amplitude": 2}},
+        "The actuator limit 1 of agent 3 is below the disturbance",
+    ),
+    (
+        "runs with more than the stated amplitude",
+        {"actuators": {"limit": 9, "amplitude": 2}, "simulation": {"xi0": [3, 4]}},
+        {"actuators": {"limit": 9, "amplitude": 5}, "simulation": {"xi0": [3, 4]}},
+        "The disturbance that simulation.xi0 starts reaches 5, more than actuators.amplitude = 2",
+    ),
+    (
+        "an observer far faster than the network",
+        {"observer": Observer(rate=101)},
+        {"observer": Observer(rate=99)},
+        "The observer decays at 101 1/s, 101 times as fast as the network (1 1/s)",
+    ),
+    (
+        "a gain W far faster than the network",
+        {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[500]])},
+        {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[50]])},
+        "The observer decays at 500 1/s, 500 times as fast as the network (1 1/s)",
+    ),
+    (
+        "weights that are mostly error",
+        {"uncertainty": {"weights": "0.6"}},
+        {"uncertainty": {"weights": "0.5"}},
+        "uncertainty.weights = 0.6 says that every arc weight may be 60 % off, from 0.4 to 1.6 times",
+    ),
+    (
+        "gains that are mostly error",
+        {"uncertainty": {"gains": "0.8"}},
+        {"uncertainty": {"gains": "0.08"}},
+        "uncertainty.gains = 0.8 says that every gain may be 80 % off",
+    ),
+    (
+        "one sine in hz and in rad/s",
+        {"exosystem": TWICE},
+        {"exosystem": exosystems.of_parts(hz=["1/2"], frequencies=["3.2"])},
+        "The sines of 3.14 and 3.14159 rad/s (0.499747 and 0.5 Hz) differ only over 3.95e+03 s. Is it one sine",
+    ),
+    (
+        "one number in both units",
+        {"exosystem": HZ_AND_RAD},
+        {"exosystem": exosystems.of_parts(hz=["1/2"], frequencies=["0.51"])},
+        "The disturbance has a sine of 0.5 Hz and one of 0.5 rad/s.",
+    ),
+    (
+        "agents that do not know errors which nobody states",
+        {"uncertainty": {"known_to_agents": False, "drift": 1}},
+        {"uncertainty": {"known_to_agents": False, "weights": "0.1"}},
+        "uncertainty.known_to_agents = false has no effect",
+    ),
+    (
+        "a dwell time that no proof uses",
+        {"network": TWO_MODES, "switching": Switching(guarantee="arbitrary", dwell="1/2")},
+        {"network": TWO_MODES, "switching": Switching(guarantee="dwell", dwell="1/2")},
+        "switching.dwell = 0.5 s counts in simulations only",
+    ),
+    (
+        "an estimation error as large as the region",
+        {"region": {"initial_states": [0, 3], "initial_disturbance": 2}},
+        {"region": {"initial_states": [0, 3], "initial_disturbance": "1.9"}},
+        "region.initial_disturbance = 2 is as large as the region itself, which reaches 2 from the target",
+    ),
+)
+
+
+@pytest.mark.parametrize(("wrong", "right", "words"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
+def test_a_contradiction_is_named_with_its_numbers_and_its_twin_is_not(
+    wrong: dict[str, Any], right: dict[str, Any], words: str
+):
+    assert any(words in warning for warning in warnings(Problem(**SOUND | wrong)))
+    assert warnings(Problem(**SOUND | right)) == ()
+
+
+def test_the_bound_of_runs_is_that_of_the_agent_that_is_disturbed_most():
+    """Constant 1 and a sine of amplitude 5 (3, 4): 6 together; agents that start at rest reach nothing."""
+    exosystem = exosystems.total(exosystems.constant(), SINE)
+    rows = [[0, 0, 0], [1, 3, 4], [0, 0, 0], [0, 0, 0]]
+    given = {"exosystem": exosystem, "simulation": {"xi0": rows}, "actuators": {"limit": 5}, "region": None}
+    (warning,) = warnings(Problem(**SOUND | given))
+    assert "The actuator limit 5 of agent 2 is below the disturbance, which reaches 6" in warning
+
+
+def test_warnings_come_before_remarks_and_in_every_view():
+    problem = Problem(**SOUND | {"actuators": {"limit": 1, "amplitude": 2}, "target": 9})
+    (warning, *_) = warnings(problem)
+    text = str(problem)
+    assert 0 < text.index(f"Warning: {warning}") < text.index("Look at this: ")
+    assert "warning" in problem._repr_html_()
+
+
+def test_numbers_that_no_float_holds_stop_no_warning():
+    given = {"gains": {4: "1e400"}, "actuators": {"limit": "1e-390", "amplitude": "1e390"}}
+    assert any("The actuator limit 1e-390" in warning for warning in warnings(Problem(**SOUND | given)))
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_the_built_in_problems_warn_of_the_dwell_time_of_their_runs_alone(name: str):
+    found = warnings(load_problem(name))
+    assert all("counts in simulations only" in warning for warning in found)
+    assert len(found) == (name == "paper-switching")

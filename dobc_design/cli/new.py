@@ -10,12 +10,15 @@ import re
 import shlex
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dobc_design.cli.output import Json, print_json, refuse_option, require_folder, say
 from dobc_design.errors import SpecError
+
+if TYPE_CHECKING:
+    from dobc_design.problem.problem import Problem
 
 LONGEST = 60  # characters of a name
 SCHEMA = "problem.schema.json"
@@ -29,12 +32,18 @@ def new(
         typer.Option(
             "--from",
             help="Make the problem from a MATPOWER case (.m), a pandapower network (.json) or arcs"
-            " (.csv, .graphml, .edges; needs --arrow).",
+            " (.csv, .edges, .graphml, .gml, .net, .mtx; needs --arrow).",
         ),
     ] = None,
     arrow: Annotated[
         str | None, typer.Option(help="With --from: what an arc [a, b] means, listens_to or sends_to.")
     ] = None,
+    merge: Annotated[
+        str | None, typer.Option(help='With --from: "sum" adds the weights of parallel arcs.', metavar="sum")
+    ] = None,
+    drop_loops: Annotated[
+        bool, typer.Option("--drop-loops", help="With --from: leave out arcs from an agent to itself.")
+    ] = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the files; default ./NAME.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -46,10 +55,19 @@ def new(
         message = f"NAME must be {rule}, because files are named after it; got {name[:70]!r}."
         raise SpecError(message, key="NAME", cure="For example my-swarm.")
     refuse_option(out, key="--out")
-    if source is None and arrow is not None:
-        cure = "Leave it out."
-        raise SpecError("--arrow says what the arcs of --from mean; there is no --from.", key="--arrow", cure=cure)
-    files = scaffold(name, source=source, arrow=arrow)
+    reading: dict[str, Any] = {"arrow": arrow, "merge": merge, "drop_loops": drop_loops}
+    for option in (f"--{key.replace('_', '-')}" for key, value in reading.items() if value):
+        if source is None:
+            what = f"{option} says how the arcs of --from are read; there is no --from."
+            raise SpecError(what, key=option, cure="Leave it out.")
+    problem, read = None, ""
+    if source is not None:
+        from dobc_design.importing.files import problem_from_file
+        from dobc_design.problem.words import size_words
+
+        problem = problem_from_file(source, **reading)
+        read = f"read {source.name}: {size_words(problem.network)}\n"
+    files = scaffold(name, problem=problem, source="" if source is None else source.name)
     folder = require_folder(Path(name) if out is None else out)
     there = next((each for each in files if (folder / each).exists()), None)
     if there is not None:
@@ -61,22 +79,22 @@ def new(
     if as_json:
         print_json({"name": name, "folder": str(folder), "files": written})
     else:
-        say("\n".join(f"wrote {path}" for path in written))
+        say(read + "\n".join(f"wrote {path}" for path in written))
         file = shlex.quote(f"{name}.toml")
         say(f"\nnext:  cd {shlex.quote(str(folder))}\n       dobc check {file}\n       dobc certify {file}")
 
 
-def scaffold(name: str, *, source: Path | None = None, arrow: str | None = None) -> dict[str, bytes]:
-    """The files of a new project by name.  ``source``: a file of another program that the problem is made from."""
+def scaffold(name: str, *, problem: Problem | None = None, source: str = "") -> dict[str, bytes]:
+    """The files of a new project by name.  ``problem``: what was read of ``source``, a file of another program."""
     from dobc_design.problem.schema import json_schema
 
     identifier = re.sub(r"\W", "_", name).lower()
-    problem, verdict = _template("problem.toml", name), "PROVED"
-    if source is not None:
-        problem, verdict = _converted(name, source, arrow)
+    text, verdict = _template("problem.toml", name), "PROVED"
+    if problem is not None:
+        text, verdict = _converted(name, problem, source)
     test = _template("test.py.txt", name).replace("@IDENTIFIER@", identifier).replace("@VERDICT@", verdict)
     texts = {
-        f"{name}.toml": problem,
+        f"{name}.toml": text,
         f"{name}.ipynb": _template("notebook.ipynb.txt", name),
         f"test_{identifier}.py": test,
         SCHEMA: json.dumps(json_schema(), indent=1, ensure_ascii=False) + "\n",
@@ -88,16 +106,14 @@ def _template(file: str, name: str) -> str:
     return (files("dobc_design.cli") / "templates" / file).read_text("utf-8").replace("@NAME@", name)
 
 
-def _converted(name: str, source: Path, arrow: str | None) -> tuple[str, str]:
+def _converted(name: str, problem: Problem, source: str) -> tuple[str, str]:
     """The text of the problem that a file of another program means, and the verdict that it gets today."""
     from dobc_design._show.text import visible
     from dobc_design.certification.certify import certify
-    from dobc_design.importing.files import problem_from_file
     from dobc_design.problem.changes import changed_text, problem_text
 
-    problem = problem_from_file(source, arrow=arrow)
     whole = problem_text(problem)
     text = changed_text(whole, {"name": name}) or whole
     text = re.sub(r"^(name = .*?)[ \t]*#.*$", r"\1", text, count=1, flags=re.MULTILINE)
     verdict = certify(problem).verdict.name
-    return f"#:schema ./{SCHEMA}\n# Made by dobc new from {visible(source.name)}.\n\n{text}", verdict
+    return f"#:schema ./{SCHEMA}\n# Made by dobc new from {visible(source)}.\n\n{text}", verdict

@@ -5,12 +5,14 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
+
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import shown
 from dobc_design.importing.grids import grid_problem, is_pandapower, read_matpower, read_pandapower
-from dobc_design.problem.arcs_file import READERS, labels_in_file, read_arcs_file
+from dobc_design.problem.arcs_file import READERS, read_network_file
 from dobc_design.problem.load import load_problem, read_bytes
-from dobc_design.problem.network import Network
+from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem, is_name
 
 LARGEST = 256 * 1024 * 1024
@@ -19,13 +21,22 @@ ARCS_ONLY = (
     "Imported from {file}, which holds arcs and nothing else.",
     'Stand-ins: the coupling h = "y" is linear, nobody is pinned, and there is no disturbance. Fill them in.',
 )
+ONE_WAY = (
+    "Every line of {file} is one arc, and no two agents hear each other. If its edges have no direction, add a header"
+    " with a column type and write Undirected there, or list each edge both ways."
+)
+LINES = (".csv", ".tsv", ".edges", ".edgelist", ".txt")
 
 
-def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) -> Problem:
+def problem_from_file(
+    path: str | PathLike[str], *, arrow: str | None = None, merge: str | None = None, drop_loops: bool = False
+) -> Problem:
     """Make a problem from a file of another program, by its suffix.
 
-    .m MATPOWER case; .json pandapower network (or problem.json); .csv, .graphml, .edges arcs, for which
-    ``arrow`` ("listens_to" or "sends_to") has to say what a pair means; .toml a problem file.
+    .m MATPOWER case; .json pandapower network (or problem.json); .csv, .edges, .graphml, .gml, .net (Pajek), .mtx
+    (Matrix Market) arcs, for which ``arrow`` ("listens_to" or "sends_to") has to say what a pair means; .toml a problem
+    file.  Of arcs ``merge`` "sum" adds the weights of parallel ones, ``drop_loops`` leaves out those from an agent to
+    itself.
     Returns: a Problem whose notes say what was assumed.  Raises: SpecError.
     """
     path = Path(path)
@@ -33,9 +44,10 @@ def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) ->
     if suffix not in SUFFIXES:
         what = f"{shown(path.name)} must end in one of {', '.join(SUFFIXES)}, which say what kind of file it is."
         raise SpecError(what, key=path.name, cure="Rename or convert it.")
-    if arrow is not None and suffix not in READERS:
-        what = f"arrow is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says itself who listens."
-        raise SpecError(what, key="--arrow", cure="Leave it out.")
+    given = {"arrow": arrow is not None, "merge": merge is not None, "drop_loops": drop_loops}
+    for option in (name for name, there in given.items() if there and suffix not in READERS):
+        what = f"{option} is for files of arcs ({', '.join(READERS)}); {shown(path.name)} says itself who listens."
+        raise SpecError(what, key=f"--{option.replace('_', '-')}", cure="Leave it out.")
     name = path.stem if is_name(path.stem) else "problem"
     if suffix in READERS:
         if arrow is None:
@@ -43,10 +55,11 @@ def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) ->
             cure = "listens_to: a hears b.  sends_to: a is heard by b."
             raise SpecError(f"arrow must say what a pair a, b of the file means; {why}", key="--arrow", cure=cure)
         folder = path.resolve().parent
-        labels = labels_in_file(path.name, folder=folder, key="arcs")
-        index = {label: place for place, label in enumerate(labels)}
-        arcs = read_arcs_file(path.name, folder=folder, index=index, arrow=arrow, key="arcs")
-        notes = [note.format(file=path.name) for note in ARCS_ONLY]
+        labels, arcs = read_network_file(
+            path.name, folder=folder, arrow=arrow, key="arcs", merge=merge, drop_loops=drop_loops
+        )
+        sentences = [*ARCS_ONLY, ONE_WAY] if suffix in LINES and _goes_one_way(arcs) else ARCS_ONLY
+        notes = [note.format(file=path.name) for note in sentences]
         return Problem(name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes)
     if suffix == ".toml":
         return load_problem(path)
@@ -56,3 +69,9 @@ def problem_from_file(path: str | PathLike[str], *, arrow: str | None = None) ->
     if is_pandapower(data):
         return grid_problem(read_pandapower(data, name=path.name), name=name)
     return load_problem(path)
+
+
+def _goes_one_way(arcs: Arcs) -> bool:
+    """Whether no two agents hear each other, as where a list of undirected edges names each once."""
+    size = int(max(arcs.listeners.max(), arcs.speakers.max())) + 1
+    return not np.isin(arcs.listeners * size + arcs.speakers, arcs.speakers * size + arcs.listeners).any()

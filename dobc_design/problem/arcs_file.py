@@ -1,90 +1,133 @@
-"""Arcs from CSV, GraphML and edge-list files beside a problem file; ``network.arrow`` says which column listens."""
+"""Arcs from files beside a problem file: CSV, edge lists, GraphML, GML, Pajek, Matrix Market.
+
+``network.arrow`` says which column listens.  A file is read as it is meant, or refused with the cure.
+"""
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from array import array
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
-from dobc_design.errors import SpecError, about, reason_of, wrong
+from dobc_design.errors import SpecError, about, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown, shown_number
-from dobc_design.problem.network import ONE, WANTED, Arcs, directed, is_label, one_form
+from dobc_design.problem.arcs_graphs import MATRIX_MARKET, Graph, first_word, gml, graphml, matrix_market, pajek
+from dobc_design.problem.arcs_text import KNOWN, Row, Source, csv_rows, edge_list_rows
+from dobc_design.problem.network import (
+    ONE,
+    WANTED,
+    Arcs,
+    check_repairs,
+    directed,
+    is_label,
+    one_form,
+    repeated,
+    summed,
+    without_loops,
+)
 
 MAX_BYTES = 1_000_000_000
 EMPTY = "is empty: it holds no arcs", "Add arcs, one per line."
-HEADS = (["from", "to"], ["source", "target"])  # of a CSV file; a third column is "weight"
-READERS = (".csv", ".graphml", ".edges", ".edgelist", ".txt")
+READERS = (".csv", ".tsv", ".edges", ".edgelist", ".txt", ".graphml", ".gml", ".net", ".mtx")
+_GRAPHS = {".graphml": graphml, ".gml": gml, ".net": pajek, ".mtx": matrix_market}
+_SUM = 'write merge = "sum" beside file = (dobc new: --merge sum; Python: merge="sum") to add the weights'
+_DROP = "write drop_loops = true beside file = (dobc new: --drop-loops; Python: drop_loops=True)"
 
 
-def read_arcs_file(name: str, *, folder: Path | None, index: Mapping[str, int], arrow: str, key: str) -> Arcs:
+def read_arcs_file(
+    name: str,
+    *,
+    folder: Path | None,
+    index: Mapping[str, int],
+    arrow: str,
+    key: str,
+    merge: str | None = None,
+    drop_loops: bool = False,
+) -> Arcs:
     """Read the arcs of one mode; ``index`` maps labels to indices.
 
-    CSV: UTF-8, comma, from,to[,weight] or source,target[,weight], header optional.  Edge list (.edges, .edgelist,
-    .txt): the same, separated by blanks, # starts a comment.  GraphML: edges with an optional numeric 'weight'; an
-    undirected edge gives both arcs.
+    CSV and edge lists: two columns and perhaps a weight, header optional; a column Type may say Undirected.
+    GraphML, GML, Pajek (.net), Matrix Market (.mtx): an undirected edge gives both arcs.
+    ``merge`` "sum" adds parallel arcs, ``drop_loops`` leaves out arcs from an agent to itself.
     Raises: SpecError with the line.
     """
+    check_repairs(merge, drop_loops, key=key)
     source, path, text = _opened(name, folder=folder, key=key)
-    columns = array("q"), array("q"), array("q")
-    known: dict[str, Fraction] = {}
-    weights: list[Fraction] = []
-    for row, cells in _rows(path, text, source, index):
-        if len(cells) not in (2, 3):
-            what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
-            raise source.error(what, "Separate them by commas in CSV, else by blanks.", row=row)
-        for label in cells[:2]:
-            if label not in index:
-                what = f"names {shown(label)}; there is no such agent in network.agents"
-                raise source.error(what, "Correct the label, or add the agent.", row=row)
-        if cells[0] == cells[1]:
-            what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
-            raise source.error(what, f"Remove that {source.unit}.", row=row)
-        if len(cells) == 3 and cells[2] not in known:
-            known[cells[2]] = _weight(cells[2], source, row=row)
-        weights.append(known[cells[2]] if len(cells) == 3 else ONE)
-        for column, value in zip(columns, (index[cells[0]], index[cells[1]], row), strict=True):
-            column.append(value)
-    a, b, places = (np.array(column, dtype=np.int64) for column in columns)
-    if not weights:
-        raise source.error(*EMPTY)
-    codes = a * len(index) + b
-    order = np.argsort(codes, kind="stable")
-    again = order[1:][np.diff(codes[order]) == 0]
-    if len(again):
-        what, row = "repeats an arc; it is a duplicate", int(places[again.min()])
-        raise source.error(what, f"Remove that {source.unit}.", row=row)
-    return directed(a, b, tuple(weights), arrow=arrow)
+    rows = _graph(path, text, source, index).rows
+    return _arcs(rows, source, index=index, arrow=arrow, merge=merge, drop_loops=drop_loops)
 
 
-def labels_in_file(name: str, *, folder: Path | None, key: str) -> tuple[str, ...]:
-    """The labels in the order they appear, whole numbers sorted; GraphML also names agents without an arc."""
+def read_network_file(
+    name: str, *, folder: Path | None, arrow: str, key: str, merge: str | None = None, drop_loops: bool = False
+) -> tuple[tuple[str, ...], Arcs]:
+    """The labels that a file names, and its arcs as ``read_arcs_file`` reads them.
+
+    Labels stand in the order of the file, whole numbers sorted; the nodes of a graph are agents also without an arc.
+    """
+    check_repairs(merge, drop_loops, key=key)
     source, path, text = _opened(name, folder=folder, key=key)
-    ends: dict[str, None] = {}
-    if path.suffix.lower() == ".graphml":
-        _, graphs = _graphs(text, source)
-        ends |= {node.get("id", ""): None for graph in graphs for node in graph if _tag(node) == "node"}
-    for row, cells in _rows(path, text, source, {}):
+    graph = _graph(path, text, source, {})
+    ends: dict[str, None] = dict.fromkeys(graph.labels)
+    for row, cells in graph.rows:
         for label in cells[:2]:
             if not is_label(label):
                 raise source.error(f"names {shown(label)}; a label must be {WANTED}", "Correct the label.", row=row)
             ends[label] = None
     if not ends:
         raise source.error(*EMPTY)
-    return tuple(sorted(ends, key=int) if all(re.fullmatch("[0-9]{1,9}", label) for label in ends) else ends)
+    labels = tuple(sorted(ends, key=int) if all(re.fullmatch("[0-9]{1,9}", label) for label in ends) else ends)
+    index = {label: place for place, label in enumerate(labels)}
+    rows = _graph(path, text, source, {}).rows  # not with the index: what was a header above is one here
+    return labels, _arcs(rows, source, index=index, arrow=arrow, merge=merge, drop_loops=drop_loops)
 
 
-def _opened(name: str, *, folder: Path | None, key: str) -> tuple[_Source, Path, str]:
+def _arcs(
+    rows: Iterator[Row], source: Source, *, index: Mapping[str, int], arrow: str, merge: str | None, drop_loops: bool
+) -> Arcs:
+    columns = array("q"), array("q"), array("q")
+    known: dict[str, Fraction] = {}
+    weights: list[Fraction] = []
+    for row, cells in rows:
+        if len(cells) not in (2, 3):
+            what = f"must have 2 or 3 columns, from,to[,weight]; got {len(cells)}"
+            cure = f"Separate them by commas in CSV, else by blanks; more columns need a header: {KNOWN}."
+            raise source.error(what, cure, row=row)
+        for label in cells[:2]:
+            if label not in index:
+                what = f"names {shown(label)}; there is no such agent in network.agents"
+                cure = f"Correct the label, or add the agent. A header is known by its names: {KNOWN}."
+                raise source.error(what, cure, row=row)
+        if cells[0] == cells[1] and not drop_loops:
+            what = f"is a self-arc; agent {named(cells[0])} must not listen to itself"
+            raise source.error(what, f"Remove that {source.unit}, or {_DROP}.", row=row)
+        if len(cells) == 3 and cells[2] not in known:
+            known[cells[2]] = _weight(cells[2], source, row=row)
+        weights.append(known[cells[2]] if len(cells) == 3 else ONE)
+        for column, value in zip(columns, (index[cells[0]], index[cells[1]], row), strict=True):
+            column.append(value)
+    a, b, places = (np.array(column, dtype=np.int64) for column in columns)
+    if drop_loops:
+        a, b, weights, places = without_loops(a, b, weights, places)
+    if not len(a):
+        raise source.error(*EMPTY)
+    again = repeated(a, b)
+    if len(again) and merge is None:
+        what, row = "repeats an arc; it is a duplicate", int(places[again[0]])
+        raise source.error(what, f"Remove that {source.unit}, or {_SUM}.", row=row)
+    if len(again):
+        a, b, weights = summed(a, b, weights)
+    return directed(a, b, tuple(weights), arrow=arrow)
+
+
+def _opened(name: str, *, folder: Path | None, key: str) -> tuple[Source, Path, str]:
     path = _resolve(name, folder=folder, key=key)
-    source = _Source(name=named(name), key=key, unit="edge" if path.suffix.lower() == ".graphml" else "line")
+    unit = "edge" if path.suffix.lower() in (".graphml", ".gml") else "line"
+    source = Source(name=named(name), key=key, unit=unit)
     try:
         return source, path, one_form(path.read_bytes().decode("utf-8-sig"))
     except UnicodeDecodeError as error:
@@ -93,24 +136,19 @@ def _opened(name: str, *, folder: Path | None, key: str) -> tuple[_Source, Path,
         raise source.error(f"cannot be read: {error.strerror or error}", "Check the path.") from None
 
 
-def _rows(path: Path, text: str, source: _Source, index: Mapping[str, int]) -> Iterator[Row]:
+def _graph(path: Path, text: str, source: Source, index: Mapping[str, int]) -> Graph:
+    """What a file holds, by its suffix; .txt and edge lists may be Matrix Market or Pajek, which say so at the top."""
     suffix = path.suffix.lower()
-    if suffix == ".graphml":
-        return _graphml(text, source)
-    return _csv(text, source, index=index) if suffix == ".csv" else _edge_list(text)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Source:
-    """Where arcs come from, for messages; ``unit``: what is counted, lines or edges."""
-
-    name: str
-    key: str
-    unit: str
-
-    def error(self, what: str, cure: str, *, row: int | None = None) -> SpecError:
-        place = f'"{self.name}"' if row is None else f'"{self.name}" {self.unit} {row}'
-        return SpecError(f"{self.key}: {place} {what}.", key=self.key, cure=cure)
+    if suffix in _GRAPHS:
+        return _GRAPHS[suffix](text, source)
+    if suffix in (".csv", ".tsv"):
+        return Graph(labels=(), rows=csv_rows(text, source, index=index))
+    word = first_word(text)
+    if word == MATRIX_MARKET:
+        return matrix_market(text, source)
+    if word in ("*vertices", "*network"):
+        return pajek(text, source)
+    return Graph(labels=(), rows=edge_list_rows(text, source, index=index))
 
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
@@ -139,79 +177,7 @@ def _resolve(name: str, *, folder: Path | None, key: str) -> Path:
     return path
 
 
-Row = tuple[int, list[str]]  # number of the line or edge, [a, b] or [a, b, weight]
-
-
-def _csv(text: str, source: _Source, *, index: Mapping[str, int]) -> Iterator[Row]:
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    first = True
-    try:
-        for row in reader:
-            cells = [cell.strip() for cell in row]
-            if not any(cells):
-                continue
-            names = [cell.lower() for cell in cells]
-            named_columns = names[:2] in HEADS and names[2:] in ([], ["weight"])
-            header = first and named_columns and not (cells[0] in index and cells[1] in index)
-            first = False
-            if not header:
-                yield reader.line_num, cells
-    except csv.Error as error:
-        raise source.error(f"is not valid CSV ({error})", "Check the quotes.", row=reader.line_num) from None
-
-
-def _edge_list(text: str) -> Iterator[Row]:
-    for number, line in enumerate(text.splitlines(), start=1):
-        cells = line.split("#", 1)[0].split()
-        if cells:
-            yield number, cells
-
-
-def _graphs(text: str, source: _Source) -> tuple[ElementTree.Element, list[ElementTree.Element]]:
-    """The root of a GraphML file and its one graph, if it has any."""
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise source.error("must not hold a DOCTYPE or entities", "Save plain GraphML.")
-    try:
-        root = ElementTree.fromstring(text)  # expat expands nothing: entities are refused above
-    except (ElementTree.ParseError, RecursionError) as error:
-        raise source.error(f"is not valid GraphML ({reason_of(error)})", "Export it again.") from None
-    graphs = [node for node in root.iter() if _tag(node) == "graph"]
-    if len(graphs) > 1:
-        raise source.error(f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own.")
-    return root, graphs
-
-
-def _graphml(text: str, source: _Source) -> Iterator[Row]:
-    root, graphs = _graphs(text, source)
-    weights = _weight_keys(root)
-    default = [text for text in weights.values() if text is not None][:1]
-    for graph in graphs:
-        undirected = graph.get("edgedefault") == "undirected"
-        edges = (node for node in graph if _tag(node) == "edge")
-        for number, edge in enumerate(edges, start=1):
-            both = {"true": False, "false": True}.get(edge.get("directed", ""), undirected)
-            own = [node.text or "" for node in edge if _tag(node) == "data" and node.get("key") in weights]
-            a, b = edge.get("source", ""), edge.get("target", "")
-            yield number, [a, b, *(own or default)[:1]]
-            if both:
-                yield number, [b, a, *(own or default)[:1]]
-
-
-def _weight_keys(root: ElementTree.Element) -> dict[str | None, str | None]:
-    """The ids under which edges carry a weight, with its default."""
-    keys = (node for node in root.iter() if _tag(node) == "key" and node.get("attr.name") == "weight")
-    return {
-        node.get("id"): next((part.text or "" for part in node if _tag(part) == "default"), None)
-        for node in keys
-        if node.get("for") in ("edge", "all")
-    }
-
-
-def _tag(node: ElementTree.Element) -> str:
-    return str(node.tag).rsplit("}", 1)[-1]
-
-
-def _weight(text: str, source: _Source, *, row: int) -> Fraction:
+def _weight(text: str, source: Source, *, row: int) -> Fraction:
     try:
         weight = parse_number(text, key="weight")
     except SpecError as error:

@@ -437,11 +437,16 @@ def _with_optional(value: Any, read: Callable[..., Arcs], *, key: str) -> Arcs:
 def _mode(value: Any, *, index: Mapping[str, int], arrow: str, key: str, folder: Path | None) -> Arcs:
     if is_list(value):
         return arcs_from_pairs(value, index=index, arrow=arrow, key=key)
-    if not isinstance(value, dict) or list(value) != ["file"] or not is_text(value["file"]):
+    known = isinstance(value, dict) and set(value) <= {"file", "merge", "drop_loops"}
+    if not known or not is_text(value.get("file")):
         wanted = 'a list of arcs, { file = "arcs.csv" } or a table with arcs and optional'
         what = f"{key} must be {wanted}; got {shown(value)}."
-        raise SpecError(what, key=key, cure="For example [[1, 2], [2, 3]].")
-    return arcs_file.read_arcs_file(value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file")
+        cure = 'For example [[1, 2], [2, 3]]; beside file may stand merge = "sum" and drop_loops = true.'
+        raise SpecError(what, key=key, cure=cure)
+    repairs = {name: value[name] for name in ("merge", "drop_loops") if name in value}
+    return arcs_file.read_arcs_file(
+        value["file"], folder=folder, index=index, arrow=arrow, key=f"{key}.file", **repairs
+    )
 
 
 def _exceptions(tables: ProblemFile, network: Network, *, sizes: tuple[int, int]) -> dict[tuple[int, int], Coupling]:

@@ -72,6 +72,11 @@ def labels_of(agents: int | Iterable[Any]) -> tuple[str, ...]:
 
 
 ARROWS = ("listens_to", "sends_to")
+_DROP_ONE = "Remove the arc (Network.from_arcs, from_networkx and from_sparse do with drop_loops=True)."
+_ADD_UP = (
+    "Remove one of the two, or give one arc with the sum of the weights"
+    ' (Network.from_arcs and from_networkx do with merge="sum").'
+)
 ONE = Fraction(1)
 IndexArray = NDArray[np.int64]
 
@@ -162,6 +167,56 @@ def directed(first: IndexArray, second: IndexArray, weights: tuple[Fraction, ...
     return Arcs(first, second, weights) if arrow == "listens_to" else Arcs(second, first, weights)
 
 
+def check_repairs(merge: object, drop_loops: object, *, key: str) -> None:
+    """Refuse anything but "sum" or nothing, and true or false."""
+    if merge is not None and merge != "sum":
+        what = f'merge must be "sum", which adds the weights of parallel arcs; got {shown(merge)}.'
+        raise about(key, what, "Leave it out to refuse parallel arcs.")
+    if type(drop_loops) is not bool:
+        what = "drop_loops must be true or false: whether arcs from an agent to itself are left out;"
+        what += f" got {shown(drop_loops)}."
+        raise about(key, what, "Leave it out to refuse them.")
+
+
+def repeated(first: IndexArray, second: IndexArray) -> IndexArray:
+    """The places of arcs that stood there before, in order."""
+    if not len(first):
+        return np.zeros(0, dtype=np.int64)
+    codes = first * (int(second.max()) + 1) + second
+    order = np.argsort(codes, kind="stable")
+    return np.sort(order[1:][np.diff(codes[order]) == 0])
+
+
+def summed(
+    first: IndexArray, second: IndexArray, weights: Sequence[Fraction]
+) -> tuple[IndexArray, IndexArray, list[Fraction]]:
+    """Arcs with the weights of parallel ones added, each at its first place."""
+    total: dict[tuple[int, int], Fraction] = {}
+    for *ends, weight in zip(first.tolist(), second.tolist(), weights, strict=True):
+        pair = (ends[0], ends[1])
+        total[pair] = total[pair] + weight if pair in total else weight
+    a, b = (np.array([pair[end] for pair in total], dtype=np.int64) for end in (0, 1))
+    return a, b, list(total.values())
+
+
+def without_loops(
+    first: IndexArray, second: IndexArray, weights: Sequence[Fraction], places: IndexArray
+) -> tuple[IndexArray, IndexArray, list[Fraction], IndexArray]:
+    """Arcs without those from an agent to itself; ``places``: a number of each arc, which stays with it."""
+    kept_ones = np.flatnonzero(first != second)
+    return first[kept_ones], second[kept_ones], [weights[k] for k in kept_ones.tolist()], places[kept_ones]
+
+
+def repaired(arcs: Arcs, *, merge: str | None, drop_loops: bool) -> Arcs:
+    """Arcs without loops and with parallel ones added, where that is asked for."""
+    first, second, weights = arcs.listeners, arcs.speakers, list(arcs.weights)
+    if drop_loops:
+        first, second, weights, _ = without_loops(first, second, weights, first)
+    if merge is not None:
+        first, second, weights = summed(first, second, weights)
+    return directed(first, second, tuple(weights), arrow="listens_to")
+
+
 def check_arrow(arrow: object) -> None:
     """Refuse anything but "listens_to" and "sends_to"."""
     if arrow not in ARROWS:
@@ -187,14 +242,14 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
     loops = np.flatnonzero(arcs.listeners == arcs.speakers)
     if len(loops):
         name = named(labels[int(arcs.listeners[loops[0]])])
-        raise about(at(loops[0]), f"agent {name} must not listen to itself; got a self-arc.", "Remove the arc.")
+        raise about(at(loops[0]), f"agent {name} must not listen to itself; got a self-arc.", _DROP_ONE)
     codes = arcs.listeners * n + arcs.speakers
     order = np.argsort(codes, kind="stable")
     again = np.flatnonzero(np.diff(codes[order]) == 0)
     if len(again):
         position = int(order[again + 1].min())
         what = f"{_sentence(arcs, position, labels)} already; this arc is a duplicate."
-        raise about(at(position), what, "Remove one of the two, or give one arc with the sum of the weights.")
+        raise about(at(position), what, _ADD_UP)
     if any(w is not ONE and w <= 0 for w in arcs.weights):
         position = next(i for i, w in enumerate(arcs.weights) if w <= 0)
         found = f"{_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}"
@@ -318,6 +373,8 @@ class Network(Shown):
         arrow: str,
         agents: int | Sequence[Any] | None = None,
         optional: Iterable[Sequence[Any]] | Mapping[str, Iterable[Sequence[Any]]] | None = None,
+        merge: str | None = None,
+        drop_loops: bool = False,
     ) -> Network:
         """Build a network from pairs [a, b] or triples [a, b, w] of labels.
 
@@ -325,11 +382,14 @@ class Network(Shown):
         means: "listens_to" or "sends_to".  ``agents`` is a count (labels 1..n) or the labels;
         without it the labels are taken from the arcs in the order they appear.
         ``optional``: the same for further arcs, which come and go at any time while their mode is on.
+        ``merge`` "sum" adds the weights of parallel arcs, which are refused otherwise; ``drop_loops`` leaves out arcs
+        from an agent to itself.
         Raises: SpecError, naming the arc.
         Example:
             >>> dd.Network.from_arcs([["tail", "head"]], arrow="listens_to").labels
             ('tail', 'head')
         """
+        check_repairs(merge, drop_loops, key="arcs")
         given = [_modes(each, isinstance(each, Mapping)) for each in (arcs, () if optional is None else optional)]
         for key, modes in zip(("arcs", "optional"), given, strict=True):
             if wrongly := [listed for listed in modes.values() if not isinstance(listed, Iterable)]:
@@ -350,19 +410,23 @@ class Network(Shown):
             labels = labels_of(agents)
         index = {label: i for i, label in enumerate(labels)}
         keys = {name: f"network.modes.{named(name)}" for name in lists}
-        modes = {n: arcs_from_pairs(each, index=index, arrow=arrow, key=keys[n]) for n, each in lists.items()}
+        modes = {}
+        for name, each in lists.items():
+            found = arcs_from_pairs(each, index=index, arrow=arrow, key=keys[name])
+            modes[name] = repaired(found, merge=merge, drop_loops=drop_loops)
         for name, each in more.items():
             found = arcs_from_pairs(each, index=index, arrow=arrow, key=f"{keys[name]}.optional")
-            modes[name] = joined(modes[name], found)
+            modes[name] = joined(modes[name], repaired(found, merge=merge, drop_loops=drop_loops))
         return cls(labels=labels, modes=modes)
 
     @classmethod
-    def from_networkx(cls, graph: Any, *, arrow: str) -> Network:
+    def from_networkx(cls, graph: Any, *, arrow: str, merge: str | None = None, drop_loops: bool = False) -> Network:
         """Build a network from a networkx graph, or from a mapping of mode name to graph.
 
         An edge (a, b) means what ``arrow`` says; an undirected edge gives both arcs; the edge
         attribute 'weight' is w.  All modes must have the same nodes, in any order.
-        Raises: SpecError for parallel edges, self-loops or different node sets.
+        ``merge`` "sum" adds the weights of parallel edges, ``drop_loops`` leaves out self-loops.
+        Raises: SpecError for parallel edges and self-loops otherwise, and for different node sets.
         Example:
             >>> import networkx
             >>> dd.Network.from_networkx(networkx.cycle_graph(4), arrow="sends_to").size
@@ -389,14 +453,16 @@ class Network(Shown):
             if not each.is_directed():
                 pairs += [(b, a, w) for a, b, w in pairs]
             arcs[name] = pairs
-        return cls.from_arcs(arcs, arrow=arrow, agents=labels)
+        return cls.from_arcs(arcs, arrow=arrow, agents=labels, merge=merge, drop_loops=drop_loops)
 
     @classmethod
-    def from_sparse(cls, matrix: Any, *, arrow: str, labels: Sequence[Any] | None = None) -> Network:
+    def from_sparse(
+        cls, matrix: Any, *, arrow: str, labels: Sequence[Any] | None = None, drop_loops: bool = False
+    ) -> Network:
         """Build a network from a SciPy sparse matrix, or a mapping of mode name to matrix.
 
         Entry (i, j) is the arc [i, j] under ``arrow`` and its value the weight; entries that are stored
-        twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n.
+        twice are added, stored zeros are no arcs.  ``labels`` defaults to 1..n; ``drop_loops`` leaves out the diagonal.
         Shape: (n, n).  Raises: SpecError if it is not square, or labels do not fit.
         Example:
             >>> import scipy.sparse
@@ -404,6 +470,7 @@ class Network(Shown):
             >>> list(network.modes["G"])  # the second agent listens to the first; here agents are counted from 0
             [(1, 0, Fraction(5, 2))]
         """
+        check_repairs(None, drop_loops, key="matrix")
         matrices = _modes(matrix, isinstance(matrix, Mapping) and not hasattr(matrix, "tocoo"))
         names = None if labels is None else labels_of(labels)
         size = 0 if names is None else len(names)
@@ -420,7 +487,7 @@ class Network(Shown):
                 what = f"the matrix must be square, with one row and column per agent{wanted}; got shape {table.shape}."
                 raise about(key, what, "Give an n x n matrix for every mode, and n labels or none.")
             size = table.shape[0]
-            keep = table.data != 0
+            keep = (table.data != 0) & ((table.row != table.col) | (not drop_loops))
             first, second = table.row[keep].astype(np.int64), table.col[keep].astype(np.int64)
             # tolist would turn float32 into float64, whose decimal text is another one.
             weights = list(table.data[keep]) if table.data.dtype == np.float32 else table.data[keep].tolist()

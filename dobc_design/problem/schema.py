@@ -45,7 +45,16 @@ _ARC = {
     "description": "[a, b] or [a, b, weight]; network.arrow says who listens.",
     "prefixItems": [_LABEL, _LABEL, _NUMBER],
 }
-_FILE = {"type": "object", "properties": {"file": _TEXT}, "required": ["file"], "additionalProperties": False}
+_FILE = {
+    "type": "object",
+    "properties": {
+        "file": _TEXT,
+        "merge": {"const": "sum", "description": "Add the weights of parallel arcs."},
+        "drop_loops": {"type": "boolean", "description": "Leave out arcs from an agent to itself."},
+    },
+    "required": ["file"],
+    "additionalProperties": False,
+}
 _ARCS = _either(_list_of(_ARC, None), _FILE)
 _OPTIONAL = {
     "type": "object",

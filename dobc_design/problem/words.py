@@ -9,19 +9,20 @@ from typing import Any
 
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import counted, is_scalar_matrix, some
+from dobc_design.exact.reading import counted, is_scalar_matrix, named, some
 from dobc_design.problem.arrays import unreached
 from dobc_design.problem.contradictions import warnings
 from dobc_design.problem.groups import Group
 from dobc_design.problem.integrators import as_integrators, enclosed
 from dobc_design.problem.leader import enclosure, not_enclosed
 from dobc_design.problem.meaning import disturbance_words, remarks, time_words
-from dobc_design.problem.network import Arcs
+from dobc_design.problem.network import Arcs, Network
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Region, Switching
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
 LISTED = 30
+FIRST = 8  # labels and modes in the first line
 
 
 def describe(problem: Problem) -> str:
@@ -32,7 +33,8 @@ def describe(problem: Problem) -> str:
         order = f"disturbances of {counted(len(problem.groups), 'group')} of agents."
     others = f" ({counted(len(problem.exceptions), 'arc')} with another)" if problem.exceptions else ""
     lines = [
-        f"{problem.name}: {counted(problem.n, 'agent')}, {counted(problem.m, 'state component')} each, {order}",
+        f"{problem.name}: {size_words(problem.network)}.",
+        f"{counted(problem.m, 'state component')} each, {order}",
         f"Target: {leader_words(problem) or _vector(problem.target)}."
         f" Coupling: h = {'; '.join(problem.coupling.texts)}{others}.",
         *dynamics_lines(problem),
@@ -131,6 +133,15 @@ def simulation_words(problem: Problem) -> str:
         where = f"{_vector(own.xi0[0])} for all agents" if len(own.xi0) == 1 else "one for every agent"
         said.append(f"the exosystem starts at xi0, {where}")
     return "; ".join(said)
+
+
+def size_words(network: Network) -> str:
+    """What a network is at first sight, "3 agents, 2 arcs, labels a, b, c": a file that was misread shows there."""
+    sizes = [str(len(arcs)) for arcs in network.modes.values()]
+    arcs = counted(int(sizes[0]), "arc") if len(sizes) == 1 else f"{len(sizes)} modes of {some(sizes, FIRST)} arcs"
+    numbered = network.size > 1 and network.labels == tuple(map(str, range(1, network.size + 1)))
+    labels = f"1 to {network.size}" if numbered else some([named(label) for label in network.labels], FIRST)
+    return f"{counted(network.size, 'agent')}, {arcs}, label{'s' if network.size > 1 else ''} {labels}"
 
 
 def dynamics_lines(problem: Problem) -> list[str]:

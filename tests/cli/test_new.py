@@ -79,6 +79,17 @@ def test_new_from_arcs_makes_a_problem_of_them(dobc):
     assert dobc("new", "other", "--arrow", "listens_to")[0] == 2
 
 
+def test_new_from_arcs_says_first_what_was_read_and_adds_parallel_arcs_where_asked(dobc):
+    Path("ring.csv").write_text("a,b\nb,a\na,b\na,a\n", encoding="utf-8")
+    code, _, err = dobc("new", "ring", "--from", "ring.csv", "--arrow", "listens_to", "--drop-loops")
+    assert code == 2 and "--merge sum" in err
+    code, out, _ = dobc("new", "ring", "--from", "ring.csv", "--arrow", "listens_to", "--drop-loops", "--merge", "sum")
+    assert (code, out.splitlines()[0]) == (0, "read ring.csv: 2 agents, 2 arcs, labels a, b")
+    assert sorted(load_problem("ring/ring.toml").network.modes["G"]) == [(0, 1, 2), (1, 0, 1)]
+    code, _, err = dobc("new", "other", "--merge", "sum")
+    assert code == 2 and "--merge says how the arcs of --from are read" in err
+
+
 @pytest.mark.slow
 def test_the_notebook_and_the_test_of_a_new_project_run(dobc, tmp_path):
     dobc("new", "my-swarm")

@@ -46,6 +46,14 @@ def test_graphml_and_edge_lists_keep_the_order_of_their_labels(tmp_path):
     assert edges.network == problem.network
 
 
+def test_a_list_in_which_no_two_agents_hear_each_other_says_so(tmp_path):
+    """networkx writes undirected graphs as such lists; nothing in the file tells which was meant."""
+    one_way = dd.problem_from_file(written(tmp_path, "net.edges", "a b\nb c\n"), arrow="listens_to")
+    assert any("no two agents hear each other" in note and "Undirected" in note for note in one_way.notes)
+    both = dd.problem_from_file(written(tmp_path, "net.edges", "a b\nb c\nc b\n"), arrow="listens_to")
+    assert len(both.notes) == len(one_way.notes) - 1
+
+
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [

@@ -19,7 +19,8 @@ CHAIN = Network.from_arcs([("a", "b"), ("b", "c", "1/2")], arrow="listens_to", a
 def test_words_say_who_listens_to_whom_and_who_is_not_reached():
     text = describe(Problem(name="chain", network=CHAIN, coupling="tanh(y)", gains={"c": "9/16"}))
     assert text.splitlines() == [
-        "chain: 4 agents, 1 state component each, no disturbance.",
+        "chain: 4 agents, 2 arcs, labels a, b, c, d.",
+        "1 state component each, no disturbance.",
         "Target: 0. Coupling: h = tanh(y).",
         'Mode "G": 2 arcs.',
         "  a listens to b",
@@ -46,7 +47,8 @@ def test_words_say_what_else_is_asked():
         notes=["Invented."],
     )
     assert describe(problem).splitlines() == [
-        "rich: 2 agents, 2 state components each, disturbance of order 2.",
+        "rich: 2 agents, 2 modes of 1, 1 arcs, labels 1 to 2.",
+        "2 state components each, disturbance of order 2.",
         "Target: (1, 1/2). Coupling: h = y (1 arc with another).",
         'Mode "A": 1 arc.',
         "  1 listens to 2",

@@ -64,7 +64,19 @@ GRAPHML = b"""<graphml><key id="w" for="edge" attr.name="weight"><default>2</def
 <graph edgedefault="directed"><edge source="1" target="2"><data key="w">1/2</data></edge>
 <edge source="2" target="3" directed="false"/></graph></graphml>"""
 
-ARCS = (b"2" + CSV, b"2from,to\n1,2\n", b"11 2 0.5 # x\n2 3\n", b"0" + GRAPHML)
+GML = b'graph [ directed 1 node [ id 1 label "1" ] node [ id 2 label "2" ] edge [ source 1 target 2 weight 0.5 ] ]'
+PAJEK = b'*Vertices 3\n1 "1" 0.1 0.2\n2 "2"\n*Arcs\n1 2 0.5\n*Edges\n2 3 1\n'
+MATRIX = b"%%MatrixMarket matrix coordinate real symmetric\n% x\n3 3 2\n2 1 0.5\n3 2 1e0\n"
+
+# The first byte says which kind of file it is, see read_arcs.
+ARCS = (
+    *(b"5" + text for text in (CSV, b"from,to\n1,2\n", b"Source;Target;Type;Weight\n1;2;Undirected;0.5\n")),
+    *(b"1" + text for text in (b"1 2 0.5 # x\n2 3\n", b"1 2 {'weight': 2.0}\n", b"a, b\n1, 2\n")),
+    b"0" + GRAPHML,
+    b"2" + GML,
+    b"3" + PAJEK,
+    b"4" + MATRIX,
+)
 
 BOXES = tuple(
     Interval(Fraction(lo), Fraction(hi))
@@ -224,7 +236,8 @@ def _check_enclosure(expression: Expression, box: Interval, function: Callable[.
 
 
 def read_arcs(data: bytes) -> bool:
-    suffix = {0: ".graphml", 1: ".edges"}.get(data[0] % 4, ".csv") if data else ".csv"
+    suffixes = (".graphml", ".edges", ".gml", ".net", ".mtx", ".csv", ".csv", ".csv")
+    suffix = suffixes[data[0] % len(suffixes)] if data else ".csv"
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, f"arcs{suffix}").write_bytes(data[1:])
         index = {str(i + 1): i for i in range(4)}

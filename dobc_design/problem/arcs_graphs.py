@@ -1,0 +1,284 @@
+"""Graphs in the files of other programs: GraphML, GML, Pajek, Matrix Market.
+
+Weights stay the decimal text that they are in the file.  An undirected edge gives both arcs.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from html import unescape
+from itertools import chain
+from xml.etree import ElementTree
+
+from dobc_design.errors import reason_of
+from dobc_design.exact.reading import named, shown
+from dobc_design.problem.arcs_text import WEIGHTS, Row, Source
+from dobc_design.problem.network import MOST_AGENTS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Graph:
+    """What a file says: its nodes in their order, also those without an arc, and its arcs."""
+
+    labels: tuple[str, ...]
+    rows: Iterator[Row]
+
+
+def graphml(text: str, source: Source) -> Graph:
+    """Read GraphML; the weights are those of the edge attribute 'weight'.  Raises: SpecError."""
+    root, found = _graphml_graph(text, source)
+    if found is None:
+        return Graph(labels=(), rows=iter(()))
+    labels = tuple(node.get("id", "") for node in found if _tag(node) == "node")
+    return Graph(labels=labels, rows=_graphml_rows(root, found))
+
+
+def _graphml_graph(text: str, source: Source) -> tuple[ElementTree.Element, ElementTree.Element | None]:
+    """The root of a GraphML file and its one graph, if it has any."""
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise source.error("must not hold a DOCTYPE or entities", "Save plain GraphML.")
+    try:
+        root = ElementTree.fromstring(text)  # expat expands nothing: entities are refused above
+    except (ElementTree.ParseError, RecursionError) as error:
+        raise source.error(f"is not valid GraphML ({reason_of(error)})", "Export it again.") from None
+    graphs = [node for node in root.iter() if _tag(node) == "graph"]
+    if len(graphs) > 1:
+        raise source.error(f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own.")
+    if any(_tag(node) == "hyperedge" for node in root.iter()):
+        raise source.error("holds hyperedges, which are no arcs", "Replace each by edges between two nodes.")
+    return root, graphs[0] if graphs else None
+
+
+def _graphml_rows(root: ElementTree.Element, graph: ElementTree.Element) -> Iterator[Row]:
+    weights = _weight_keys(root)
+    default = [text for text in weights.values() if text is not None][:1]
+    undirected = graph.get("edgedefault") == "undirected"
+    edges = (node for node in graph if _tag(node) == "edge")
+    for number, edge in enumerate(edges, start=1):
+        both = {"true": False, "false": True}.get(edge.get("directed", ""), undirected)
+        own = [node.text or "" for node in edge if _tag(node) == "data" and node.get("key") in weights]
+        a, b = edge.get("source", ""), edge.get("target", "")
+        yield from _edge(number, a, b, (own or default)[:1], both=both)
+
+
+def _weight_keys(root: ElementTree.Element) -> dict[str | None, str | None]:
+    """The ids under which edges carry a weight, with its default."""
+    keys = (node for node in root.iter() if _tag(node) == "key" and node.get("attr.name") == "weight")
+    return {
+        node.get("id"): next((part.text or "" for part in node if _tag(part) == "default"), None)
+        for node in keys
+        if node.get("for") in ("edge", "all")
+    }
+
+
+def _tag(node: ElementTree.Element) -> str:
+    return str(node.tag).rsplit("}", 1)[-1]
+
+
+def _edge(number: int, a: str, b: str, weight: Sequence[str], *, both: bool) -> Iterator[Row]:
+    """One edge as one arc, or as both."""
+    yield number, [a, b, *weight]
+    if both:
+        yield number, [b, a, *weight]
+
+
+_TOKEN = re.compile(r'"[^"]*"|\[|\]|[^\s\[\]"]+')
+Entries = list[tuple[str, "str | Entries"]]  # keys of GML and their values, in the order of the file
+
+
+def gml(text: str, source: Source) -> Graph:
+    """Read GML; labels are those of the nodes, or their ids where some have none.  Raises: SpecError."""
+    graphs = [entries for key, entries in _gml_entries(text, source) if key == "graph" and isinstance(entries, list)]
+    if len(graphs) != 1:
+        raise source.error(f"must hold one graph; it holds {len(graphs)}", "Save each mode in a file of its own.")
+    plain = {key: value for key, value in graphs[0] if isinstance(value, str)}
+    nodes = [_plain_entries(value) for key, value in graphs[0] if key == "node"]
+    edges = [_plain_entries(value) for key, value in graphs[0] if key == "edge"]
+    if not all("id" in node for node in nodes):
+        raise source.error("has a node without an id", "Export it again.")
+    ids = [node["id"] for node in nodes]
+    named_ones = all("label" in node for node in nodes)
+    labels = tuple(node["label"] for node in nodes) if named_ones else tuple(ids)
+    _different(labels, source)
+    _different(ids, source)
+    return Graph(
+        labels=labels,
+        rows=_gml_rows(edges, dict(zip(ids, labels, strict=True)), source, both=plain.get("directed", "0") == "0"),
+    )
+
+
+def _gml_entries(text: str, source: Source) -> Entries:
+    """The keys and values of a file; a list is a value in brackets."""
+    bare = "\n".join("" if line.lstrip().startswith("#") else line for line in text.splitlines())
+    tokens = iter(_TOKEN.findall(bare))
+    open_lists: list[Entries] = [[]]
+    for key in tokens:
+        if key == "]" and len(open_lists) > 1:
+            open_lists.pop()
+            continue
+        value = next(tokens, None)
+        if value is None or value == "]" or key in "[]" or key.startswith('"'):
+            raise source.error(f"is not valid GML near {shown(key)}", "Export it again.")
+        if value == "[":
+            inner: Entries = []
+            open_lists[-1].append((key, inner))
+            open_lists.append(inner)
+        else:
+            open_lists[-1].append((key, unescape(value.strip('"'))))
+    if len(open_lists) > 1:
+        raise source.error("is not valid GML: a bracket is not closed", "Export it again.")
+    return open_lists[0]
+
+
+def _plain_entries(value: str | Entries) -> dict[str, str]:
+    return {} if isinstance(value, str) else {key: text for key, text in value if isinstance(text, str)}
+
+
+def _gml_rows(
+    edges: Sequence[Mapping[str, str]], labels: Mapping[str, str], source: Source, *, both: bool
+) -> Iterator[Row]:
+    for number, edge in enumerate(edges, start=1):
+        for end in ("source", "target"):
+            if edge.get(end, "") not in labels:
+                what = f"has the {end} {shown(edge.get(end, ''))}; there is no node with that id"
+                raise source.error(what, "Add the node, or correct the id.", row=number)
+        weight = [edge[name] for name in WEIGHTS if name in edge][:1]
+        yield from _edge(number, labels[edge["source"]], labels[edge["target"]], weight, both=both)
+
+
+def _different(labels: Sequence[str], source: Source) -> None:
+    seen = set[str]()
+    for label in labels:
+        if label in seen:
+            raise source.error(f"has two nodes called {shown(label)}", "Give every node a label of its own.")
+        seen.add(label)
+
+
+_VERTEX = re.compile(r'\s*([0-9]+)(?:\s+(?:"([^"]*)"|(\S+)))?')
+
+
+def pajek(text: str, source: Source) -> Graph:
+    """Read a Pajek network: *Vertices, *Arcs, *Edges, *Arcslist, *Edgeslist.  Raises: SpecError."""
+    labels: dict[str, str] = {}
+    rows: list[Row] = []
+    part = ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        cells = line.split()
+        if not cells or cells[0].startswith("%"):
+            continue
+        if cells[0].startswith("*"):
+            part = cells[0].lower()
+            if part == "*vertices":
+                _no_more_vertices(labels, cells, source, row=number)
+                labels = {str(place): str(place) for place in range(1, _count(cells[1:2], source, row=number) + 1)}
+            elif part not in ("*network", "*arcs", "*edges", "*arcslist", "*edgeslist"):
+                what = f"has the part {shown(cells[0])}, which is not read"
+                raise source.error(what, "Save the network with *Vertices and *Arcs or *Edges.", row=number)
+        elif part == "*vertices":
+            found = _VERTEX.match(line)
+            if found is None or found[1] not in labels:
+                what = f"must begin with the number of a vertex, 1 to {len(labels)}"
+                raise source.error(what, "Correct the number.", row=number)
+            labels[found[1]] = found[2] or found[3] or found[1]
+        else:
+            rows += _pajek_rows(cells, part, labels, source, row=number)
+    _different(list(labels.values()), source)
+    return Graph(labels=tuple(labels.values()), rows=iter(rows))
+
+
+def _no_more_vertices(labels: Mapping[str, str], cells: Sequence[str], source: Source, *, row: int) -> None:
+    if labels:
+        raise source.error("begins a second network", "Save each mode in a file of its own.", row=row)
+    if len(cells) > 2:
+        what = "is a network of two kinds of vertices, whose arcs are no readings between agents"
+        raise source.error(what, "Save a network of one kind of vertices.", row=row)
+
+
+def _count(cells: Sequence[str], source: Source, *, row: int) -> int:
+    text = cells[0] if cells else ""
+    if not re.fullmatch("[0-9]{1,8}", text) or not 1 <= int(text) <= MOST_AGENTS:
+        what = f"must say how many nodes there are, 1 to {MOST_AGENTS}; got {shown(text)}"
+        raise source.error(what, "Correct the number.", row=row)
+    return int(text)
+
+
+def _pajek_rows(
+    cells: Sequence[str], part: str, labels: Mapping[str, str], source: Source, *, row: int
+) -> Iterator[Row]:
+    """The arcs of one line: i j and perhaps a weight, or i and all that it leads to."""
+    lists = part.endswith("list")
+    ends = cells if lists else cells[:2]
+    if part in ("", "*network") or len(ends) < 2:
+        raise source.error("is no arc of a Pajek network", "Save the network again.", row=row)
+    unknown = next((end for end in ends if end not in labels), None)
+    if unknown is not None:
+        what = f"names vertex {shown(unknown)}; vertices are numbered 1 to {len(labels)}"
+        raise source.error(what, "Correct the number.", row=row)
+    weight = [] if lists else cells[2:3]
+    for end in ends[1:]:
+        yield from _edge(row, labels[ends[0]], labels[end], weight, both=part.startswith("*edges"))
+
+
+MATRIX_MARKET = "%%matrixmarket"
+_ZERO = re.compile(r"[+-]?0+(?:\.0*)?(?:[eE][+-]?[0-9]+)?")
+
+
+def matrix_market(text: str, source: Source) -> Graph:
+    """Read a sparse matrix: entry (i, j) is the arc [i, j] and its value the weight, zeros are no arcs.
+
+    Agents are called 1 to n.  Raises: SpecError.
+    """
+    lines = ((number, line.split()) for number, line in enumerate(text.splitlines(), start=1))
+    _, head = next(lines, (1, []))
+    kinds = [cell.lower() for cell in head]
+    known = kinds[:3] == [MATRIX_MARKET, "matrix", "coordinate"] and len(kinds) == 5
+    if not known or kinds[3] not in ("real", "integer", "pattern") or kinds[4] not in ("general", "symmetric"):
+        what = (
+            "must begin with %%MatrixMarket matrix coordinate, then real, integer or pattern, then general or symmetric"
+        )
+        cure = "Write it with scipy.io.mmwrite(file, scipy.sparse.coo_array(matrix))."
+        raise source.error(f"{what}; got {shown(' '.join(head))}", cure, row=1)
+    entries = ((number, cells) for number, cells in lines if cells and not cells[0].startswith("%"))
+    row, sizes = next(entries, (1, []))
+    n = _count(sizes[:1], source, row=row)
+    if len(sizes) != 3 or sizes[1] != sizes[0]:
+        raise source.error(f"must be square; got {shown(' x '.join(sizes[:2]))}", "Save an n x n matrix.", row=row)
+    rows = _matrix_rows(entries, n, source, with_values=kinds[3] != "pattern", both=kinds[4] == "symmetric")
+    return Graph(labels=tuple(map(str, range(1, n + 1))), rows=_all_there(rows, sizes[2], source))
+
+
+def _matrix_rows(
+    entries: Iterator[tuple[int, list[str]]], n: int, source: Source, *, with_values: bool, both: bool
+) -> Iterator[Row]:
+    """The entries of a matrix; of a symmetric one the other half, too.  A zero comes as a row without labels."""
+    for number, cells in entries:
+        if len(cells) != 2 + with_values or not all(re.fullmatch("[0-9]{1,8}", cell) for cell in cells[:2]):
+            wanted = "i j value" if with_values else "i j"
+            raise source.error(f"must be {wanted}; got {shown(' '.join(cells))}", "Save it again.", row=number)
+        i, j = int(cells[0]), int(cells[1])
+        if not 1 <= min(i, j) <= max(i, j) <= n:
+            raise source.error(f"leaves the matrix, which is {n} x {n}", "Correct the indices.", row=number)
+        if with_values and _ZERO.fullmatch(cells[2]):
+            yield number, []
+            continue
+        yield from _edge(number, str(i), str(j), cells[2:3], both=both and i != j)
+
+
+def _all_there(rows: Iterator[Row], count: str, source: Source) -> Iterator[Row]:
+    """The arcs, once as many entries as the file announces have been read."""
+    read, last = 0, 0
+    for number, cells in rows:
+        read, last = read + (number != last), number
+        if cells:
+            yield number, cells
+    if str(read) != count:
+        what = f"announces {named(count)} entries and holds {read}"
+        raise source.error(what, "Save it again: it was cut.")
+
+
+def first_word(text: str) -> str:
+    """The first word of a file in lower case, which tells Matrix Market and Pajek from an edge list."""
+    lines = (line.split() for line in text[:10_000].splitlines())
+    return next(chain.from_iterable(lines), "").lower()

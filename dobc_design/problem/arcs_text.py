@@ -1,0 +1,282 @@
+"""Tables of arcs in text (CSV, edge lists): which sign separates the columns, whether there is a header, and which
+column is which.  What could be read in two ways is refused: a network that nobody meant would pass unnoticed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from dobc_design.errors import SpecError
+from dobc_design.exact.reading import named, shown
+
+Row = tuple[int, list[str]]  # number of the line or edge, [a, b] or [a, b, weight]
+Rows = Callable[[], Iterator[Row]]  # begins at the top of the file whenever it is called
+
+ENDS = (
+    ("from", "to"),
+    ("source", "target"),
+    ("src", "dst"),
+    ("fromnode", "tonode"),
+    ("fromnodeid", "tonodeid"),
+    ("fromid", "toid"),
+    ("sourceid", "targetid"),
+)
+WEIGHTS = ("weight", "w", "value")
+KINDS = ("type", "directed")  # of an edge: one arc, or both
+BESIDE = ("id", "edgeid", "label", "name", "key", "timeset", "interval", "comment", "note", "color", "colour")
+KNOWN = "from,to or source,target, then weight and type (Directed or Undirected)"
+BOTH = {"undirected": True, "false": True, "0": True, "no": True}
+ONE_WAY = {"directed": False, "true": False, "1": False, "yes": False}
+
+_QUOTED = re.compile(r'"[^"]*"')
+_NUMBER = re.compile(r"[+-]?[0-9]+(?:[.,/][0-9]+)?(?:[eE][+-]?[0-9]+)?")
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
+_BLANKS_AND_COMMA = re.compile(r"[^\s,;]+\s+[^\s,;]+\s+[+-]?[0-9]+,[0-9]+\s*")  # a b 0,5
+_COMMENT = re.compile(r"[#%](?:\s|\Z)")
+_ATTRIBUTE = re.compile(r"""\s*(?:'([^']*)'|"([^"]*)")\s*:\s*(?:'([^']*)'|"([^"]*)"|([^\s,'"{}\[\]]+))\s*(?:,|\Z)""")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """Where arcs come from, for messages; ``unit``: what is counted, lines or edges."""
+
+    name: str
+    key: str
+    unit: str
+
+    def error(self, what: str, cure: str, *, row: int | None = None) -> SpecError:
+        place = f'"{self.name}"' if row is None else f'"{self.name}" {self.unit} {row}'
+        return SpecError(f"{self.key}: {place} {what}.", key=self.key, cure=cure)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Columns:
+    """Which column is which, counted from 0; ``width``: how many the header names, None without a header."""
+
+    width: int | None = None
+    first: int = 0
+    second: int = 1
+    weight: int | None = None
+    kind: int | None = None
+
+
+PLAIN = Columns()  # a, b and perhaps a weight, without a header
+
+
+def csv_rows(text: str, source: Source, *, index: Mapping[str, int]) -> Iterator[Row]:
+    """The arcs of a CSV file; ``index``: the agents, where they are known.  Raises: SpecError."""
+    separator = csv_separator(text, source)
+    return _arcs(lambda: _csv(text, source, separator), source, index)
+
+
+def edge_list_rows(text: str, source: Source, *, index: Mapping[str, int]) -> Iterator[Row]:
+    """The arcs of an edge list, separated by blanks, tabs, commas or semicolons.  Raises: SpecError."""
+    separator = _edge_list_separator(text, source)
+    return _arcs(lambda: _edge_list(text, source, separator), source, index)
+
+
+def csv_separator(text: str, source: Source) -> str:
+    """The sign between the columns: a comma, else a semicolon, else a tab.  Raises: SpecError where it is not clear."""
+    for number, line in enumerate(io.StringIO(text), start=1):
+        if line.strip() and not _COMMENT.match(line):
+            return _sign(line, source, row=number) or ("\t" if "\t" in line else ",")
+    return ","
+
+
+def _edge_list_separator(text: str, source: Source) -> str | None:
+    """The sign between the columns, None for blanks; tabs count where every line has one (labels may hold blanks)."""
+    lines = ((number, _without_comment(line)) for number, line in enumerate(text.splitlines(), start=1))
+    number, first = next(((number, line) for number, line in lines if line.strip()), (1, ""))
+    sign = _sign(first.partition("{")[0], source, row=number)
+    if sign is not None:
+        return sign
+    by_tabs = "\t" in first.strip() and all("\t" in line.strip() for _, line in lines if line.strip())
+    return "\t" if by_tabs else None
+
+
+def _sign(line: str, source: Source, *, row: int) -> str | None:
+    """The comma or semicolon of a line, outside quotes; None if it has neither."""
+    bare = _QUOTED.sub("", line)
+    if _BLANKS_AND_COMMA.fullmatch(bare.strip()):
+        raise _decimal_comma(source, bare.split()[2], row=row)
+    found = [sign for sign in ",;" if sign in bare]
+    if len(found) == 2:
+        what = "holds commas and semicolons, so it is not clear which of them separates the columns"
+        cure = "Write numbers with a decimal point (0.5), and labels that hold one of them in quotes."
+        raise source.error(what, cure, row=row)
+    return found[0] if found else None
+
+
+def _decimal_comma(source: Source, text: str, *, row: int) -> SpecError:
+    cure = f"Write the decimal point: {text.replace(',', '.')}."
+    return source.error(f"has the number {shown(text)} with a decimal comma", cure, row=row)
+
+
+def _csv(text: str, source: Source, separator: str) -> Iterator[Row]:
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+    try:
+        for row in reader:
+            cells = [cell.strip() for cell in row]
+            if any(cells) and not (cells[0][:1] in ("#", "%") and _COMMENT.match(cells[0])):
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise source.error(f"is not valid CSV ({error})", "Check the quotes.", row=reader.line_num) from None
+
+
+def _edge_list(text: str, source: Source, separator: str | None) -> Iterator[Row]:
+    for number, line in enumerate(text.splitlines(), start=1):
+        head, brace, attributes = _without_comment(line).partition("{")
+        if not head.strip():
+            continue
+        cells = _split(head, source, separator, row=number)
+        if brace:
+            if not cells[-1]:
+                cells.pop()  # a,b,{...}
+            cells += _weight_of(attributes, source, row=number)
+        yield number, cells
+
+
+def _split(line: str, source: Source, separator: str | None, *, row: int) -> list[str]:
+    if separator is None:
+        return line.split()
+    try:
+        cells = [cell.strip() for cell in next(csv.reader([line.strip(" ")], delimiter=separator, strict=True))]
+    except csv.Error as error:
+        raise source.error(f"cannot be read ({error})", "Check the quotes.", row=row) from None
+    if separator != "\t" and any(len(cell.split()) > 1 for cell in cells) and '"' not in line:
+        what = "holds both commas and blanks between words" if separator == "," else "holds both ; and blanks"
+        cure = "Separate columns by one of them, write 0.5 and not 0,5, and labels that hold blanks in quotes."
+        raise source.error(what, cure, row=row)
+    return cells
+
+
+def _without_comment(line: str) -> str:
+    """The line up to a comment; a % begins one only at the start, and a # inside {...} is a value."""
+    if line.lstrip().startswith("%"):
+        return ""
+    head, brace, rest = line.partition("{")
+    if "#" in head or not brace:
+        return head.split("#", 1)[0]
+    inside, closing, _ = rest.rpartition("}")
+    return head + brace + inside + closing
+
+
+def _weight_of(text: str, source: Source, *, row: int) -> list[str]:
+    """The weight among attributes as networkx writes them, {'weight': 2.0, ...}, or nothing."""
+    inside, closing, _ = text.rpartition("}")
+    at, found = 0, dict[str, str]()
+    while closing and at < len(inside) and (each := _ATTRIBUTE.match(inside, at)):
+        name, value = (
+            next(part for part in parts if part is not None) for parts in (each.groups()[:2], each.groups()[2:])
+        )
+        found[name], at = value, each.end()
+    if not closing or inside[at:].strip():
+        what = "has attributes that cannot be read; they must look like {'weight': 2.0}"
+        raise source.error(what, "Write them without: nx.write_weighted_edgelist(graph, file).", row=row)
+    return [found["weight"]] if "weight" in found else []
+
+
+def _arcs(rows: Rows, source: Source, index: Mapping[str, int]) -> Iterator[Row]:
+    """The arcs of a table, whichever columns it has."""
+    table = rows()
+    first = next(table, None)
+    if first is None:
+        return
+    columns = find_columns(first, rows, source, index)
+    if columns.width is None:
+        yield first
+    for number, cells in table:
+        yield from _in_order(number, cells, columns, source)
+
+
+def _in_order(number: int, cells: list[str], columns: Columns, source: Source) -> Iterator[Row]:
+    """One row as [a, b] or [a, b, weight], and turned round where it is undirected."""
+    if columns.width is None:
+        if len(cells) == 3 and _DECIMAL_COMMA.fullmatch(cells[2]):
+            raise _decimal_comma(source, cells[2], row=number)
+        yield number, cells
+        return
+    if not max(columns.first, columns.second) < len(cells) <= columns.width:
+        what = f"has {len(cells)} columns; the header names {columns.width}"
+        raise source.error(what, "Fill the row; numbers have a decimal point (0.5 and not 0,5).", row=number)
+    a, b = cells[columns.first], cells[columns.second]
+    weight = [] if columns.weight is None else cells[columns.weight : columns.weight + 1]
+    if weight and _DECIMAL_COMMA.fullmatch(weight[0]):
+        raise _decimal_comma(source, weight[0], row=number)
+    yield number, [a, b, *weight]
+    if columns.kind is not None and _is_undirected(cells, columns.kind, source, row=number):
+        yield number, [b, a, *weight]
+
+
+def _is_undirected(cells: Sequence[str], place: int, source: Source, *, row: int) -> bool:
+    text = cells[place].lower() if place < len(cells) else ""
+    found = (BOTH | ONE_WAY).get(text)
+    if found is None:
+        what = f"must say Directed or Undirected in the column of types; got {shown(text)}"
+        raise source.error(what, "Correct the type of that edge.", row=row)
+    return found
+
+
+def find_columns(first: Row, rows: Rows, source: Source, index: Mapping[str, int]) -> Columns:
+    """Which columns a table has, by its first row: a header, if that is clear.  Raises: SpecError where it is not."""
+    number, cells = first
+    if len(cells) < 2 or (cells[0] in index and cells[1] in index):
+        return PLAIN  # agents may be called from and to
+    names = [re.sub("[^a-z0-9]", "", cell.lower()) for cell in cells]
+    ends = next((pair for pair in ENDS if set(pair) <= set(names)), None)
+    if ends is not None and not (len(cells) == 3 and _NUMBER.fullmatch(cells[2])):
+        return _named_columns(names, cells, (names.index(ends[0]), names.index(ends[1])), source, row=number)
+    if any(_NUMBER.fullmatch(cell) for cell in cells[:2]) or (len(cells) > 2 and _NUMBER.fullmatch(cells[2])):
+        return PLAIN
+    if len(cells) > 2 and cells[2]:
+        if len(cells) == 3 and names[2] in WEIGHTS:
+            return Columns(width=3, weight=2)
+        what = f"looks like a header, but its columns ({', '.join(map(named, cells[:6]))}) are not known"
+        raise source.error(what, f"Name the columns {KNOWN}.", row=number)
+    return _two_names(first, rows, source, index)
+
+
+def _named_columns(
+    names: Sequence[str], cells: Sequence[str], ends: tuple[int, int], source: Source, *, row: int
+) -> Columns:
+    """The columns of a header that names both ends."""
+    weights = [place for place, name in enumerate(names) if name in WEIGHTS]
+    kinds = [place for place, name in enumerate(names) if name in KINDS]
+    if len(weights) > 1 or len(kinds) > 1:
+        both = ", ".join(named(cells[place]) for place in (weights if len(weights) > 1 else kinds))
+        raise source.error(f"names columns of the same meaning: {both}", "Leave one of them.", row=row)
+    unknown = [place for place in range(len(names)) if place not in (*ends, *weights, *kinds)]
+    unknown = [place for place in unknown if names[place] not in BESIDE]
+    if unknown and not weights:
+        what = f"names a column {shown(cells[unknown[0]])}, which is not known"
+        cure = "Call it weight if it holds the weights, or remove it (without weights all are 1)."
+        raise source.error(what, cure, row=row)
+    return Columns(
+        width=len(names),
+        first=ends[0],
+        second=ends[1],
+        weight=weights[0] if weights else None,
+        kind=kinds[0] if kinds else None,
+    )
+
+
+def _two_names(first: Row, rows: Rows, source: Source, index: Mapping[str, int]) -> Columns:
+    """Two words at the top are a header if all labels below are numbers, and an arc if one of them occurs again."""
+    number, (a, b, *_) = first
+    others = {label for place, cells in rows() if place != number for label in cells[:2]}
+    if not others or a in others or b in others or a in index or b in index:
+        return PLAIN
+    if _all_numbers(others):
+        return Columns(width=2)
+    if index:
+        return PLAIN  # whatever is no agent is refused there
+    what = f"({named(a)}, {named(b)}) may be a header or an arc: neither name occurs again"
+    raise source.error(what, f"Begin the file with a header that is known: {KNOWN}.", row=number)
+
+
+def _all_numbers(labels: Iterable[str]) -> bool:
+    return all(_NUMBER.fullmatch(label) for label in labels)

@@ -1,6 +1,7 @@
-"""The overall verdict.  Proved iff a consensus proof covers what is asked.  Refuted iff consensus itself is proved
-to fail there: agents out of reach of every pin in all modes together, an estimation error that reaches the agents
-and does not decay, or an unstable linearisation.  A theorem that does not apply never refutes."""
+"""The overall verdict.  Proved iff a consensus proof covers what is asked, and the checks of the tables [actuators] and
+[uncertainty] do, where the file states something there (``conditions.stated``).  Refuted iff consensus itself is proved
+to fail: agents out of reach of every pin in all modes together, an estimation error that reaches the agents and does
+not decay, or an unstable linearisation.  A theorem that does not apply never refutes."""
 
 from __future__ import annotations
 
@@ -13,9 +14,10 @@ from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
 from dobc_design.conditions.graphs.decide import signals_in_words
-from dobc_design.conditions.numbers import shorten
+from dobc_design.conditions.numbers import read_rational, rounded_up, shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
 from dobc_design.conditions.schedule.cycles import cycles_of, may_stay, phases_of
+from dobc_design.conditions.stated import ACCURACY, LIMIT, TOLERANCE, answer_of, gaps, stated_in, table_words
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import decide_hurwitz
@@ -43,16 +45,50 @@ class Overall:
 def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) -> Overall:
     """Combine checks decided for the gain W.  Of these only verdicts, domains, rates and proved instabilities enter,
     never a text; the rest is exact facts of ``problem``.  A designed W that fails says nothing against the problem."""
+    stated = stated_in(problem)
     covering = [check for check in checks if covers(problem, check, checks)]
+    if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
+        covering = [check for check in covering if check.kind.role != "safety"]
     if covering:
         best = max(covering, key=lambda check: (check.id not in OF_A_GUARANTEE, check.rate or 0.0))
-        reason = _proved_reason(problem, best) + _moving_words(problem, checks, best)
-        return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=reason)
+        return _proved(problem, checks, best) if not stated else _with_tables(problem, checks, best)
     refuted = _apart_reason(problem) or _adrift_reason(problem) or _refuted_reason(problem, checks, W)
     if refuted is not None:
         return Overall(verdict=Verdict.REFUTED, reason=refuted)
     reason = _undecided_reason(problem, checks) + _moving_words(problem, checks, None)
     return Overall(verdict=Verdict.UNDECIDED, reason=reason)
+
+
+def _proved(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
+    """The verdict that ``best`` carries for the model without tables."""
+    reason = _proved_reason(problem, best) + _moving_words(problem, checks, best)
+    return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=reason)
+
+
+def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
+    """The verdict about the plant that the file states, where ``best`` proves what is asked of the model alone."""
+    stated, open_tables = stated_in(problem), list(gaps(problem, checks))
+    if open_tables:
+        without = " and ".join(_NAMES[id] for id in stated.wanted)
+        told = f"Undecided: without {without} {_arrival(problem, best, rate=best.rate).replace('All', 'all', 1)}"
+        for gap in open_tables:
+            told += f"; with {gap.table} it is not proved: {gap.reason.removesuffix('.')}"
+        cures = "; ".join(dict.fromkeys(gap.cure for gap in open_tables))
+        return Overall(verdict=Verdict.UNDECIDED, reason=f"{told}. What would help: {cures}.")
+    carrier = best
+    for id in (ACCURACY, TOLERANCE):
+        if id in stated.wanted:
+            carrier = answer_of(problem, checks, id) or best
+    reason = _arrival(problem, best, rate=carrier.rate, final=carrier if carrier.id == ACCURACY else None)
+    if carrier is not best:
+        reason += f", with {table_words(problem, carrier.id)}"
+    if stated.limit:
+        reason += f", and no input exceeds {table_words(problem, LIMIT)}"
+    reason += f".{_local_words(best)}{_moving_words(problem, checks, best)}"
+    return Overall(verdict=Verdict.PROVED, rate=carrier.rate, covered_by=carrier.id, reason=reason)
+
+
+_NAMES = {LIMIT: "the actuator limit", TOLERANCE: "[uncertainty]", ACCURACY: "[uncertainty]"}
 
 
 def _moving_words(problem: Problem, checks: Sequence[Check], best: Check | None) -> str:
@@ -174,13 +210,32 @@ def _room(problem: Problem, group: Sequence[int]) -> list[tuple[Fraction, Fracti
 
 
 def _proved_reason(problem: Problem, check: Check) -> str:
+    return f"{_arrival(problem, check, rate=check.rate)}.{_local_words(check)}"
+
+
+def _local_words(check: Check) -> str:
+    return " The proof is local: it states no radius." if check.domain == "consensus" else ""
+
+
+def _arrival(problem: Problem, check: Check, *, rate: float | None, final: Check | None = None) -> str:
+    """Who arrives where, from which starts and how fast, without a full stop.  ``final``: a proved ``accuracy``."""
     switching = f" {signals_in_words(problem, check)}".rstrip()
-    pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s" if check.rate else ""
-    elsewhere = " in the region" if problem.region is not None else f" with {_domain_in_words(check)}"
-    which = {"global": "", "consensus": " close enough to it"}.get(str(check.domain), elsewhere)
-    local = " The proof is local: it states no radius." if check.domain == "consensus" else ""
+    pace = f", at a rate of at least {shorten(rate, digits=4):.4g} 1/s" if rate else ""
+    shown = check if final is None else final
+    elsewhere = " in the region" if problem.region is not None else f" with {_domain_in_words(shown)}"
+    which = {"global": "", "consensus": " close enough to it"}.get(str(shown.domain), elsewhere)
+    if final is not None:
+        goal = "the target" if problem.leader is None else "the leader"
+        return f"All agents end within {_final_bound(final)} of {goal} from every start{which}{switching}"
     arrive = "reach the target" if problem.leader is None else "follow the leader"
-    return f"All agents {arrive} from every start{which}{switching}{pace}.{local}"
+    return f"All agents {arrive} from every start{which}{switching}{pace}"
+
+
+def _final_bound(check: Check) -> str:
+    """The largest final bound, rounded up."""
+    given = (check.exact or {}).get("bounds", {}).values()
+    listed = [read_rational(x) for each in given for x in (each if isinstance(each, list) else [each])]
+    return f"{float(rounded_up(max(listed), digits=4)):.6g}"
 
 
 def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from dobc_design.conditions.check import Check
+from dobc_design.conditions.check import Check, Domain
 from dobc_design.conditions.numbers import claimed, decimal_above
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import root_above
@@ -35,8 +35,13 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
             return False
     if problem.region is None:  # others are about some starts, and the question is about the consensus itself
         return check.kind.role not in ("region", "safety") or check.domain == "global" or _is_near(problem, check)
-    region, domain = problem.region, check.domain
-    if isinstance(domain, str):
+    return holds_region(problem, check.domain)
+
+
+def holds_region(problem: Problem, domain: Domain) -> bool:
+    """Whether a domain holds all starts of the [region]."""
+    region = problem.region
+    if region is None or isinstance(domain, str):
         return domain == "global"
     radius, disturbance, reach = domain.get("radius"), domain.get("disturbance"), asked_radius(problem)
     if not isinstance(radius, (int, float)):
@@ -51,13 +56,18 @@ def covers(problem: Problem, check: Check, checks: Sequence[Check]) -> bool:
     return inside and isinstance(disturbance, (int, float)) and claimed(disturbance) >= region.initial_disturbance
 
 
+def is_box_near(problem: Problem, domain: Domain) -> bool:
+    """Whether a domain is a box around the target, of errors and, with an exosystem, of estimation errors."""
+    box = domain if isinstance(domain, Mapping) else {}
+    return box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
+
+
 def _is_near(problem: Problem, check: Check) -> bool:
     """Whether a box around the target is proved: under switching, and for agents with dynamics, that answers the local
     question, too; so does a ball where the slopes of f move with a leader."""
     known = ("max-separable", "schedule", "markov", "safety", *("lure",) * problem.slopes_move)
-    box = check.domain if check.id in known and isinstance(check.domain, Mapping) else {}
     several = problem.network.switches or check.id == "safety" or problem.origin is not None
-    return several and box.get("radius", 0) > 0 and (not problem.groups or box.get("disturbance", 0) > 0)
+    return several and check.id in known and is_box_near(problem, check.domain)
 
 
 def asked_radius(problem: Problem) -> tuple[Fraction, ...]:

@@ -181,16 +181,18 @@ def what_it_means(certificate: Certificate) -> tuple[list[str], list[str]]:
 
 def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
     problem, domain, no = certificate.problem, covering_domain(certificate), []
+    final = certificate.covered_by == "accuracy"
+    goes = "ends near its goal, within the final bounds below," if final else "goes to its goal"
     if domain == "global":
-        yes = ["Every agent goes to its goal from every start, however far: the proof is global."]
+        yes = [f"Every agent {goes} from every start, however far: the proof is global."]
     elif isinstance(domain, Mapping):
-        yes = [f"Every agent goes to its goal from all {domain_words(domain)}: {_norms(domain)}."]
+        yes = [f"Every agent {goes} from all {domain_words(domain)}: {_norms(domain)}."]
         no = ["It says nothing about starts outside that set. They may converge or not."]
     else:
-        yes = ["There is a neighbourhood of the target from which every agent goes to its goal."]
+        yes = [f"There is a neighbourhood of the target from which every agent {goes}."]
     if domain == "consensus":
         no = [TEXTS["fixed"]["local"]]
-    if problem.groups:
+    if problem.groups and not final:
         yes.append("The estimates converge to the true disturbances, wherever observer and disturbance start.")
     if certificate.covered_by in ("schedule", "markov", "safety"):
         yes += [f"It holds {signals_in_words(problem, each)}." for each in _covering(certificate)]

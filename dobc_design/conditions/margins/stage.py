@@ -221,9 +221,11 @@ def _actuators(asked: Asked, proof: Check | None) -> Check:
     if over:
         lower, label, room = min(over)
         box = (lower - noise) * base.least
-        reason = f"the input of agent {label} may reach {float(most[label]):.6g}, more than its limit."
+        allowed = float(problem.actuators.limit_of(label) or 0)
+        reason = f"the input of agent {label} may reach {float(most[label]):.6g}, more than its limit of {allowed:.6g}."
         if room <= 0:
-            reason += " The disturbance alone takes all of it: no region and no gain would do."
+            alone = float(pairs[label][1])
+            reason += f" The disturbance alone may need {alone:.6g}, so that no region and no gain would do."
         else:
             starts = f"from starts with |e_i| <= {_told(box)} and the same |eps_i|"
             late = f"once V of the check max-separable is at most {_told(lower)}"

@@ -1,0 +1,147 @@
+"""What the tables [actuators] and [uncertainty] of a file state, and which proved checks are about that plant.
+
+The verdict is about the plant that the file states.  A limit is answered by a proved ``actuators``, relative errors of
+weights and gains by ``tolerance``, and a disturbance, drift or noise that no exosystem generates by ``accuracy``, each
+for all starts that are asked for.  Separate checks prove nothing together: each has to count whatever else is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from dobc_design.conditions.check import Check
+from dobc_design.conditions.coverage import holds_region, is_box_near
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
+from dobc_design.verdict import Verdict
+
+LIMIT, TOLERANCE, ACCURACY = "actuators", "tolerance", "accuracy"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stated:
+    """Whether the file states a limit of an input, relative errors of weights or gains, and something that acts on the
+    plant and that no exosystem generates (a drift is one only where there is an exosystem)."""
+
+    limit: bool
+    relative: bool
+    absolute: bool
+
+    def __bool__(self) -> bool:
+        return self.limit or self.relative or self.absolute
+
+    @property
+    def wanted(self) -> tuple[str, ...]:
+        """The ids of the checks that have to be proved; the last one of them that is about [uncertainty] carries the
+        verdict."""
+        answers = (ACCURACY,) if self.absolute else (TOLERANCE,) if self.relative else ()
+        return (*((LIMIT,) if self.limit else ()), *answers)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gap:
+    """A table without an answer: the check that would be one, the table in words, and why there is none."""
+
+    id: str
+    table: str
+    reason: str
+    cure: str
+
+
+def stated_in(problem: Problem) -> Stated:
+    """What the two tables of the problem state."""
+    table, actuators = problem.uncertainty, problem.actuators
+    acts = [] if table is None else [name for name in ABSOLUTE if getattr(table, name)]
+    return Stated(
+        limit=actuators is not None and bool(actuators.limit),
+        relative=table is not None and any(getattr(table, name) for name in RELATIVE),
+        absolute=any(name != "drift" or problem.groups for name in acts),
+    )
+
+
+def answer_of(problem: Problem, checks: Sequence[Check], id: str) -> Check | None:
+    """The proved check ``id``, if it holds for all starts that are asked for."""
+    for check in checks:
+        if check.id == id and check.verdict is Verdict.PROVED and _holds_asked(problem, check):
+            return check
+    return None
+
+
+def gaps(problem: Problem, checks: Sequence[Check]) -> Iterator[Gap]:
+    """The tables that no proved check answers."""
+    stated = stated_in(problem)
+    for id in stated.wanted:
+        if answer_of(problem, checks, id) is None:
+            found = next((check for check in checks if check.id == id), None)
+            yield Gap(id=id, table=table_words(problem, id), reason=_why(problem, found), cure=_CURES[id])
+        elif _apart(stated, checks, id):
+            reason = "this is proved without the other bounds of the file, and separate proofs say nothing together."
+            yield Gap(id=id, table=table_words(problem, id), reason=reason, cure=_CURES[id])
+
+
+def _apart(stated: Stated, checks: Sequence[Check], id: str) -> bool:
+    """Whether the check does not count something else that the file states."""
+    if id == ACCURACY:
+        return stated.relative
+    if id == LIMIT and stated.absolute:
+        return True
+    beside = next((check for check in checks if check.id == TOLERANCE), None)
+    return id == LIMIT and stated.relative and beside is not None and "v" in (beside.exact or {})
+
+
+_CURES = {
+    LIMIT: "a larger limit or, where the disturbance leaves room, a smaller [region] or smaller gains",
+    TOLERANCE: "smaller errors, larger gains or more pinned agents",
+    ACCURACY: "a smaller [region], smaller bounds in [uncertainty], larger gains or more pinned agents",
+}
+
+
+def _holds_asked(problem: Problem, check: Check) -> bool:
+    if problem.region is not None:
+        return holds_region(problem, check.domain)
+    return check.domain == "global" or is_box_near(problem, check.domain) or check.domain == "consensus"
+
+
+def _why(problem: Problem, check: Check | None) -> str:
+    if check is None:
+        return "nothing is proved about it."
+    if check.verdict is not Verdict.PROVED:
+        return check.reason
+    domain = check.domain if isinstance(check.domain, Mapping) else {}
+    starts = f"|e_i| <= {domain.get('radius'):.6g}"
+    if problem.groups:
+        starts += f" and |eps_i| <= {domain.get('disturbance'):.6g}"
+    return f"this is proved only from {starts}, and the region is larger."
+
+
+def table_words(problem: Problem, id: str) -> str:
+    """What the file states and the check ``id`` answers, with its numbers."""
+    if id == LIMIT:
+        return _limit_words(problem)
+    table = problem.uncertainty
+    if table is None:
+        return ""
+    relative = [f"{name} off by up to {_number(100 * x)} %" for name in RELATIVE if (x := getattr(table, name))]
+    names = {"disturbance": "a disturbance", "drift": "a drift", "measurement": "measurement noise"}
+    given = ((name, getattr(table, name)) for name in names if name != "drift" or problem.groups)
+    absolute = [f"{names[name]} of up to {_number(x)}" for name, x in given if x]
+    parts = relative + absolute if id == ACCURACY else relative
+    if relative and not table.known_to_agents:
+        parts.append("observers that do not know the weights")
+    return ", ".join(parts[:-1]) + (" and " if len(parts) > 1 else "") + parts[-1]
+
+
+def _limit_words(problem: Problem) -> str:
+    limit = None if problem.actuators is None else problem.actuators.limit
+    if not isinstance(limit, Mapping):
+        return f"the limit of {_number(limit or Fraction(0))}"
+    ends = [min(limit.values()), max(limit.values())]
+    if ends[0] == ends[1]:
+        return f"the limit of {_number(ends[0])}"
+    return f"limits of {_number(ends[0])} to {_number(ends[1])}"
+
+
+def _number(x: Fraction) -> str:
+    return f"{float(x):.6g}"

@@ -80,7 +80,7 @@ def bent(problem: Problem, claimed: Document, name: str, *changes: Change, code:
     document, claims = (json.loads(text) for text in _frame(problem))
     check = json.loads(json.dumps(claimed))
     claims["checks"] = [*(each for each in claims["checks"] if each["id"] != "accuracy"), check]
-    if check["domain"] == GLOBAL:  # then it is what is asked, and the verdict follows from it
+    if problem.region is None or check["domain"] == GLOBAL:  # what is asked: the verdict follows from it
         claims |= {"verdict": "proved", "rate": None, "covered_by": "accuracy"}
     for change in changes:
         change(check, document)

@@ -12,7 +12,7 @@ import json
 import os
 import secrets
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
@@ -34,8 +34,10 @@ def write_atomically(path: Path, data: bytes) -> None:
     write_together({path: data})
 
 
-def write_together(files: Mapping[Path, bytes]) -> None:
+def write_together(files: Mapping[Path, bytes], *, without: Iterable[Path] = ()) -> None:
     """Replace several files, in this order, once all of them are on the disk.
+
+    ``without``: files of an earlier run that this one does not have; those that are there are removed with it.
 
     Raises: CertificateError when the machine refuses (full disk, read-only folder); all files are then as before.
     """
@@ -52,6 +54,9 @@ def write_together(files: Mapping[Path, bytes]) -> None:
                 _write_down(names[path], data)
             for path, name in names.items():
                 os.replace(name, path)
+            for path in without:
+                if path not in files and path.is_file():
+                    path.unlink()
             for folder in dict.fromkeys(path.parent for path in files):
                 _flush_folder(folder)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from dobc_design.simulation.trajectory import Trajectory
 
 SUMMARY, FIGURE, NETWORK, BREAKING = "summary.json", "simulation.svg", "network.html", "breaking.svg"
+TRAJECTORY, ENSEMBLE = "trajectory.npz", "ensemble.npz"
+WRITTEN = (TRAJECTORY, ENSEMBLE, FIGURE, NETWORK, BREAKING, SUMMARY)  # all that a run may write
 MOST_MOVING = 200  # agents whose motion is drawn
 SHOWN = 5  # reasons for early ends that are printed
 
@@ -58,7 +60,7 @@ def simulate(
     as_json: output.Json = False,
 ) -> None:
     """Simulate runs of the closed loop; the exit code is 0 even if a run diverges."""
-    from dobc_design.certificate.files import make_folder, write_atomically
+    from dobc_design.certificate.files import make_folder, write_together
     from dobc_design.problem.load import load_problem
     from dobc_design.simulation.breaking import what_breaks_first
     from dobc_design.simulation.runs import simulate as simulate_runs
@@ -82,10 +84,11 @@ def simulate(
     with stages as progress:
         problem = load_problem(file)
         moving = (NETWORK,) if single and problem.m > 1 and problem.n <= MOST_MOVING else ()
-        names = ("trajectory.npz" if single else "ensemble.npz", SUMMARY, FIGURE, *moving)
+        names = (TRAJECTORY if single else ENSEMBLE, SUMMARY, FIGURE, *moving)
         names = (BREAKING, SUMMARY) if breaking else names
         if out is not None:
-            output.require_free(output.require_folder(out), names, force=force, other=", or choose another folder")
+            folder = output.require_folder(out)
+            output.require_free(folder, WRITTEN, force=force, other=", or choose another folder")
         proof = None if certificate is None else _verified(certificate, problem, progress)
         given: dict[str, Any] = {"seed": seed, "t_final": t_final, "start": start}
         result: Any
@@ -112,19 +115,15 @@ def simulate(
         document["files"] = [] if out is None else [str(out / name) for name in names]
         if out is not None:
             progress("writing")
-            make_folder(out)
-            if breaking:
-                write_atomically(out / BREAKING, found.plot().file("svg"))
-            else:
-                result.save(out / names[0], force=force)
-                write_atomically(out / FIGURE, result.plot(certificate=proof).file("svg"))
+            made = {names[0]: found.plot().file("svg") if breaking else result.to_bytes()}
+            if FIGURE in names:
+                made[FIGURE] = result.plot(certificate=proof).file("svg")
             if NETWORK in names:
-                from dobc_design.plotting.animation import animation_page
-
-                modes = problem.network.modes.items()
-                arcs = {name: list(zip(x.listeners.tolist(), x.speakers.tolist(), strict=True)) for name, x in modes}
-                write_atomically(out / NETWORK, animation_page(result, arcs=arcs).encode("utf-8"))
-            write_atomically(out / SUMMARY, output.json_bytes(document))
+                made[NETWORK] = _moving_network(result, problem)
+            made[SUMMARY] = output.json_bytes(document)
+            make_folder(out)
+            whole = {out / name: data for name, data in made.items()}
+            write_together(whole, without=[out / name for name in WRITTEN])
     if as_json:
         output.print_json(document)
     elif not quiet:
@@ -132,6 +131,15 @@ def simulate(
         text = str(found) if breaking else _words(result, document)
         files = [f"wrote {path}" for path in document["files"]] or [f"Add --out FOLDER for {', '.join(names)}."]
         output.say("\n".join([text, *notes, *files]))
+
+
+def _moving_network(result: Trajectory, problem: Problem) -> bytes:
+    """The page on which the run moves through the network."""
+    from dobc_design.plotting.animation import animation_page
+
+    modes = problem.network.modes.items()
+    arcs = {name: list(zip(x.listeners.tolist(), x.speakers.tolist(), strict=True)) for name, x in modes}
+    return animation_page(result, arcs=arcs).encode("utf-8")
 
 
 def _failure(text: str) -> Failure:

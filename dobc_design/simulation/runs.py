@@ -138,10 +138,14 @@ class Ensemble(measures.Simulated):
 
     def save(self, path: str | PathLike[str], *, force: bool = True) -> Path:
         """Write the arrays to ``path``, an .npz file for ``numpy.load``.  Raises: SpecError."""
+        return measures.save_arrays(Path(path), self.to_bytes(), force=force)
+
+    def to_bytes(self) -> bytes:
+        """What ``save`` writes."""
         words = ("name", "mode", "labels", "t_final", "notes", "signal", "method", "observer", "stress")
         facts = {name: getattr(self, name) for name in words} | {"format": "dobc-ensemble", "version": 1}
         about = np.array(json.dumps(facts, ensure_ascii=False))
-        return measures.save_arrays(Path(path), {"about": about} | self._arrays(), force=force)
+        return measures.arrays_bytes({"about": about} | self._arrays())
 
     def _card(self) -> Card:
         bad, final = int(self.diverged.sum()) or "none", np.sort(self.final_error)

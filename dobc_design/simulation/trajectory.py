@@ -216,10 +216,15 @@ class Trajectory(Simulated):
 
         Raises: SpecError for another ending, or for a file that is there already where not ``force``.
         """
-        place, switches = Path(path), self.switches
+        place = Path(path)
         if place.suffix.lower() != ".npz":
             message = f"a trajectory is saved as .npz; got {shown(place.name)}."
             raise SpecError(message, key="path", cure="Choose that ending.")
+        return save_arrays(place, self.to_bytes(), force=force)
+
+    def to_bytes(self) -> bytes:
+        """What ``save`` writes."""
+        switches = self.switches
         facts = {name: getattr(self, name) for name in PLAIN}
         facts |= {"format": FORMAT, "version": VERSION, "labels": self.labels, "notes": self.notes}
         arrays: dict[str, Any] = {
@@ -232,8 +237,7 @@ class Trajectory(Simulated):
             "graph_arcs": np.concatenate(switches.graphs or (np.zeros((2, 0), dtype=np.int64),), axis=1),
             "graph_sizes": np.array([graph.shape[1] for graph in switches.graphs], dtype=np.int64),
         }
-        arrays |= {name: getattr(self, name) for name in SAMPLED}
-        return save_arrays(place, arrays, force=force)
+        return arrays_bytes(arrays | {name: getattr(self, name) for name in SAMPLED})
 
     def _card(self) -> Card:
         end = f"diverged at about {self.times[-1]:.4g} s of" if self.diverged else "ran to"
@@ -372,13 +376,18 @@ def read_arrays(
     return found
 
 
-def save_arrays(path: Path, arrays: Mapping[str, Any], *, force: bool) -> Path:
+def arrays_bytes(arrays: Mapping[str, Any]) -> bytes:
+    """Arrays as an .npz file."""
+    stream = io.BytesIO()
+    np.savez(stream, allow_pickle=False, **arrays)
+    return stream.getvalue()
+
+
+def save_arrays(path: Path, data: bytes, *, force: bool) -> Path:
     """Write an .npz file.  Raises: SpecError if the place is taken, unless ``force``, CertificateError if it fails."""
     if path.exists() and not force:
         raise SpecError(f"{shown(str(path))} exists already.", key="path", cure="Replace it with force=True.")
-    stream = io.BytesIO()
-    np.savez(stream, allow_pickle=False, **arrays)
-    write_atomically(path, stream.getvalue())
+    write_atomically(path, data)
     return path
 
 

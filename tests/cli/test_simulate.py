@@ -76,6 +76,21 @@ def test_files_are_overwritten_with_force_only(dobc):
         assert len(stored["seeds"]) == 3
 
 
+def test_files_change_together_or_not_at_all(dobc, monkeypatch):
+    """The figure is drawn before the first file is written, and files of another kind of run do not stay beside."""
+    monkeypatch.setattr(Sheet, "file", lambda self, kind: b"a figure")
+    assert dobc("paper-fixed", "--t-final", 1, "--out", "here")[0] == 0
+    before = {path.name: path.read_bytes() for path in Path("here").iterdir()}
+    assert "trajectory.npz" in before
+    again = ("paper-fixed", "--runs", 3, "--t-final", 1, "--out", "here", "--force")
+    monkeypatch.setattr(Sheet, "file", lambda self, kind: 1 / 0)
+    assert dobc(*again)[0] == 4
+    assert {path.name: path.read_bytes() for path in Path("here").iterdir()} == before
+    monkeypatch.setattr(Sheet, "file", lambda self, kind: b"another figure")
+    assert dobc(*again)[0] == 0
+    assert sorted(path.name for path in Path("here").iterdir()) == ["ensemble.npz", "simulation.svg", "summary.json"]
+
+
 @pytest.mark.usefixtures("undrawn")
 def test_a_run_that_diverges_is_an_answer(dobc):
     Path("apart.toml").write_text(DIVERGING, encoding="utf-8")

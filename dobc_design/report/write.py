@@ -21,6 +21,7 @@ from dobc_design.problem.problem import Problem
 if TYPE_CHECKING:
     from dobc_design.falsification.suspect import Falsification
     from dobc_design.report.document import Document
+    from dobc_design.report.refusal import Checked
 
 DRAWN = 2000  # rows (n m) up to which diagnostics and a simulation go into the report
 DRAWN_ORDER = 100  # of the exosystem, likewise
@@ -136,6 +137,13 @@ def render_comparison(first: Certificate, second: Certificate, *, pdf: bool = Fa
     from dobc_design.report.comparison import comparison_document
 
     return _pages(comparison_document(first, second), "comparison", pdf=pdf)
+
+
+def render_refusal(sides: Sequence[Checked], *, pdf: bool = False) -> dict[str, bytes]:
+    """The pages of certificates of which at least one does not hold, under the names of their report or comparison."""
+    from dobc_design.report.refusal import refusal_document
+
+    return _pages(refusal_document(sides), "report" if len(sides) == 1 else "comparison", pdf=pdf)
 
 
 def render_latex(certificate: Certificate) -> dict[str, bytes]:

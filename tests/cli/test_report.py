@@ -28,6 +28,7 @@ def test_two_certificates_are_compared_and_nothing_is_overwritten(dobc):
     assert document == {
         "problems": ["chain", "chain"],
         "verdicts": ["proved", "refuted"],
+        "failures": [[], []],
         "files": ["chain-comparison/comparison.html", "chain-comparison/comparison.md"],
     }
     page = Path("chain-comparison/comparison.html").read_text("utf-8")
@@ -49,6 +50,49 @@ def test_the_report_of_one_certificate_is_written_beside_it(dobc):
     assert dobc("report", "A", "--out", "again")[0] == 0
     assert Path("again/report.html").read_bytes() == first
     assert dobc("report", "A", "--out", "again")[0] == 2
+
+
+def changed(path: str, **values) -> None:
+    """Edit a certificate by hand."""
+    document = json.loads(Path(path).read_text("utf-8"))
+    Path(path).write_text(json.dumps(document | values), encoding="utf-8")
+
+
+def test_a_verdict_is_verified_before_it_is_repeated(dobc):
+    """Somebody has written another rate into the certificate: the report names what fails, and repeats nothing."""
+    changed("A/certificate.json", rate=100.0, reason="All agents reach the target, at a rate of at least 100 1/s.")
+    code, out, _ = dobc("report", "A")
+    assert code == 1
+    assert (
+        out.splitlines()[0]
+        == "The certificate says proved and is not confirmed: 1 claim does not hold for this problem."
+    )
+    assert "NOT confirmed: rate, covered_by" in out
+    for name in ("report.html", "report.md"):
+        page = Path("A", name).read_text("utf-8")
+        assert "not confirmed" in page.lower() and "exp(" not in page and "100 1/s" not in page
+    code, out, _ = dobc("report", "A", "--out", "again", "--json")
+    assert (code, json.loads(out)["verdicts"], len(json.loads(out)["failures"][0])) == (1, [None], 1)
+    code, out, _ = dobc("report", "B", "A")
+    assert code == 1 and out.startswith("A holds: refuted. B says proved and is not confirmed: 1 claim does not hold")
+    assert "100" not in Path("chain-comparison/comparison.md").read_text("utf-8").partition("SHA-256")[0]
+
+
+def test_a_sentence_that_was_edited_is_not_repeated(dobc):
+    """Sentences are not judged by `verify`; that of the verdict is made again from the claims."""
+    changed("A/certificate.json", reason="All agents reach the target within a second.")
+    assert dobc("report", "A", "B")[0] == 0
+    page = Path("chain-comparison/comparison.md").read_text("utf-8")
+    assert "within a second" not in page
+    assert "Both" in page or "A is proved" in page
+
+
+def test_without_its_problem_a_verdict_would_be_repeated_unverified(dobc):
+    Path("A/problem.json").unlink()
+    code, _, err = dobc("report", "A")
+    assert code == 2
+    assert "can only be repeated unverified, proved, and no report is written" in err and "--problem FILE" in err
+    assert not Path("A/report.html").exists()
 
 
 def test_a_certificate_of_another_problem_is_refused(dobc):

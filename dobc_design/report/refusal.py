@@ -1,0 +1,86 @@
+"""The report of certificates that do not hold: what they say, what is not confirmed, and nothing of the rest.
+
+Nothing that such a certificate states is repeated as a fact: no rate, no bound, no picture of certified starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.exact.reading import counted
+from dobc_design.report import checks, words
+from dobc_design.report import document as doc
+
+if TYPE_CHECKING:
+    from dobc_design.certification.recheck import Recheck
+
+MOST = 200  # claims that are listed
+LONGEST_NAME = 70  # characters, in the footer of a printed page
+MARK = doc.Mark("✗", "refuted")  # for its colour; the word beside it says "not confirmed"
+UNCONFIRMED = "not confirmed"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checked:
+    """A certificate with what became of its claims when they were decided again; ``letter``: A or B of two, else ""."""
+
+    letter: str
+    certificate: Certificate
+    found: Recheck
+
+    @property
+    def name(self) -> str:
+        """What it is called in sentences."""
+        return self.letter or "The certificate"
+
+
+def headline(sides: Sequence[Checked]) -> str:
+    """What holds and what does not, in a sentence for each."""
+    return " ".join(_sentence(each) for each in sides)
+
+
+def _sentence(side: Checked) -> str:
+    claimed = side.certificate.verdict.value
+    if side.found.holds:
+        return f"{side.name} holds: {claimed}."
+    failed = counted(len(side.found.failures), "claim")
+    do = "does" if len(side.found.failures) == 1 else "do"
+    return f"{side.name} says {claimed} and is {UNCONFIRMED}: {failed} {do} not hold for this problem."
+
+
+def refusal_document(sides: Sequence[Checked]) -> doc.Document:
+    """One certificate, or two of which at least one does not hold."""
+    names = " and ".join(dict.fromkeys(each.certificate.problem.name for each in sides))
+    identity = [
+        (f"{title} {each.letter}".strip(), value)
+        for each in sides
+        for title, value in checks.fingerprints(each.certificate)
+    ]
+    return doc.Document(
+        kind="Certificate of consensus that is not confirmed" if len(sides) == 1 else "Certificates of consensus",
+        name=names,
+        title=f"{names}: {UNCONFIRMED}",
+        verdict=doc.Box(mark=MARK, word=UNCONFIRMED.capitalize(), reason=headline(sides)),
+        identity=identity,
+        footer=f"{words.shortened(names, LONGEST_NAME)}: {UNCONFIRMED}",
+        blocks=(*(section for each in sides for section in _sections(each)), *_advice(sides)),
+    )
+
+
+def _sections(side: Checked) -> Iterator[doc.Section]:
+    """What does not hold of one certificate, and what does."""
+    of = f" of {side.letter}" if side.letter else ""
+    if side.found.failures:
+        yield doc.Section(f"What does not hold{of}", (doc.List(side.found.failures[:MOST]),))
+    if side.found.confirmed:
+        holds = doc.List(side.found.confirmed[:MOST])
+        yield doc.Section(f"Checks{of} that are confirmed", (holds,))
+
+
+def _advice(sides: Sequence[Checked]) -> Iterator[doc.Section]:
+    told = "Make the certificate again from the problem that you mean:"
+    commands = tuple(checks.certify_command(each.certificate) for each in sides if not each.found.holds)
+    yield doc.Section("What to do next", (doc.Text(told), doc.Code(commands, command=True)), "next")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -68,13 +67,20 @@ def sweep_command(
         result = sweep(file, axes, runs=runs, out=folder, progress=progress, **options, **how)
     tables = (folder / name for name in ("results.csv", "results.parquet"))
     files = [folder / HEAD, folder / LINES, *(path for path in tables if path.exists())]
-    with suppress(SpecError):  # nothing numeric was varied or found
-        write_atomically(folder / "sweep.svg", result.plot().file("svg"))
-        files.append(folder / "sweep.svg")
+    figure, notes = folder / "sweep.svg", list[str]()
+    try:
+        write_atomically(figure, result.plot().file("svg"))
+        files.append(figure)
+    except SpecError as error:  # nothing numeric was varied or found
+        notes.append(f"No figure: {error.message}")
+    except (ArithmeticError, ValueError) as error:  # numbers beyond what the scales of Matplotlib hold
+        notes.append(f"No figure: Matplotlib cannot draw these numbers ({error}).")
+    if notes:
+        figure.unlink(missing_ok=True)  # of an earlier run
     if as_json:
-        output.print_json(_document(result, folder, files, resumed=stages.resumed))
+        output.print_json(_document(result, folder, files, resumed=stages.resumed) | {"notes": notes})
     elif not quiet:
-        output.say(_words(result, files, resumed=stages.resumed))
+        output.say("\n".join([_words(result, files, resumed=stages.resumed), *notes]))
 
 
 def _document(result: SweepResult, folder: Path, files: Sequence[Path], *, resumed: int) -> dict[str, Any]:

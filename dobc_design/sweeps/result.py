@@ -42,6 +42,7 @@ ERROR = {"kind", "key", "message", "cure"}
 _ID = re.compile("[0-9a-f]{64}")
 TIME = "time"  # kind of error of a case that was given up
 OUTCOMES = ("proved", "refuted", "undecided", "converged", "diverged", "failed")
+LEAST, MOST = 1e-150, 1e150  # positive numbers along an axis of a figure
 DRAWN = {"certify": "rate", "simulate": "settling_time"}  # the column of a figure, if none is named
 DTYPES = {"text": "string", "number": "float64", "truth": "boolean", "count": "Int64"}  # of pandas
 
@@ -338,13 +339,13 @@ class SweepResult(Headed):
 
         place = self.axes.index(name)
         axis = self.plan.axes[place]
-        if self._is_number(place):
-            position = np.array(self.column(name), dtype=np.float64)
+        position = np.array(self.column(name), dtype=np.float64) if self._is_number(place) else np.full(1, np.inf)
+        if _can_be_drawn(position):
             ticks = np.unique(position)
             even_ratios = _has_even_ratios(ticks) if axis.draw is None else axis.draw.kind == "loguniform"
             return Places(name=name, position=position, ticks=ticks, even_ratios=even_ratios)
         texts = [line["values"][place] for line in self.lines]
-        names = axis.values or tuple(sorted(set(texts)))
+        names = axis.values or tuple(sorted(set(texts), key=lambda text: (number_of(text) or 0, text)))
         order = {text: k for k, text in enumerate(names)}
         position = np.array([order[text] for text in texts], dtype=np.float64)
         return Places(name=name, position=position, ticks=np.arange(len(names), dtype=np.float64), names=names)
@@ -400,6 +401,12 @@ def outcome_of(line: Outcome) -> str:
     if "verdict" in line["result"]:
         return str(line["result"]["verdict"])
     return "diverged" if line["result"]["diverged"] else "converged"
+
+
+def _can_be_drawn(numbers: NDArray[np.float64]) -> bool:
+    """Whether Matplotlib's scales hold these numbers; others are put side by side, under their names."""
+    size = np.abs(numbers[numbers != 0])
+    return bool(np.isfinite(numbers).all() and (not len(size) or (size.min() >= LEAST and size.max() <= MOST)))
 
 
 def _has_even_ratios(ticks: NDArray[np.float64]) -> bool:

@@ -1,6 +1,7 @@
 """`dobc sweep`: one document, files that can be gone on with, and clusters."""
 
 import json
+import math
 import os
 import signal
 import sys
@@ -12,6 +13,7 @@ import pytest
 from problem_texts import CHAIN
 from sweeps import axes, children, finish, kill, lines, start, wait_for, without_times, words_of
 
+from dobc_design.sweeps.result import SweepResult
 from dobc_design.sweeps.running import sweep
 
 
@@ -38,6 +40,20 @@ def test_the_document_counts_outcomes_and_a_second_run_does_nothing_again(dobc):
     again = json.loads(dobc(*options, "--json")[1])
     assert (again["resumed"], again["outcomes"]) == (6, document["outcomes"])
     assert Path("chain-sweep/results.jsonl").read_bytes() == journal
+
+
+def test_numbers_from_1e_300_to_1e300_are_drawn_side_by_side_or_a_note_says_why_not(dobc, monkeypatch):
+    """A rate at a pin's gain of 1e300 is still a number; along the axis such gains have no common scale."""
+    options = ("chain.toml", "pinning.gains.3=1e-300,1,1e300", "coupling.h=y,2*y,3*y,4*y", "--jobs", 1)
+    code, out, err = dobc(*options, "--json")
+    assert code == 0, err
+    assert Path("chain-sweep/sweep.svg").exists() and json.loads(out)["notes"] == []
+    assert "1e300" in Path("chain-sweep/sweep.svg").read_text("utf-8")
+    monkeypatch.setattr(SweepResult, "plot", lambda self: math.exp(1000))
+    code, out, err = dobc(*options)
+    assert code == 0, err
+    assert "No figure: Matplotlib cannot draw these numbers (math range error)." in out
+    assert not Path("chain-sweep/sweep.svg").exists()
 
 
 @pytest.mark.usefixtures("undrawn")

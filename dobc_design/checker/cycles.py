@@ -1,10 +1,11 @@
 """schedule: weights that move from mode to mode, for signals that keep the guarantee of the problem; or the graphs
 alone, where couplings rise."""
 
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from functools import partial
-from itertools import combinations, pairwise
+from itertools import accumulate, combinations, pairwise
 from typing import Any, NamedTuple
 
 from .coordinates import far, gains, inverse, judge, outputs, spread
@@ -14,7 +15,7 @@ from .intervals import by_decimal, enclosed, negative, times, total
 from .matrices import ZERO
 from .quadratic import read_ranges
 from .reading import matrix, maybe, need, rational, read, weights
-from .separable import Curve, Term, composite, observed, on_pieces, starts, supremum
+from .separable import Curve, Curves, Term, composite, observed, on_pieces, starts, supremum
 
 PHASES = 40
 ONE = Fraction(1)
@@ -54,8 +55,10 @@ def phases(p: Problem) -> list[Phase]:
         order = table.get("sequence") or modes
         lengths = [number["dwell"] if "dwell" in number else number["period"] / len(order)] * len(order)
     need(set(order) <= set(modes) and min(lengths) > 0, "the sequence is none of modes")
-    turns = enumerate(zip(order, lengths, strict=True))
-    return [Phase(mode, time, time, [(k + 1) % len(order)], k == 0) for k, (mode, time) in turns]
+    turns = list(zip(order, lengths, strict=True))
+    size = len(turns)  # of the shortest beginning that, over and over, gives the whole
+    size = next(k for k in range(1, size + 1) if size % k == 0 and turns[k:] == turns[: size - k])
+    return [Phase(mode, time, time, [(k + 1) % size], k == 0) for k, (mode, time) in enumerate(turns[:size])]
 
 
 def timed(p: Problem) -> list[Phase]:
@@ -63,14 +66,17 @@ def timed(p: Problem) -> list[Phase]:
     return phases(p) if len(p.modes) > 1 and (p.switching or {}).get("guarantee") == "sequence" else []
 
 
-def turn_at(turns: list[Phase], time: Fraction) -> tuple[int, Fraction, Fraction]:
-    """The place of the timed phase that is on from a time on, when it began and when it ends."""
-    begun = time - time % sum(turn.shortest for turn in turns)
-    for place, turn in enumerate(turns):
-        if time < begun + turn.shortest:
-            return place, begun, begun + turn.shortest
-        begun += turn.shortest
-    raise AssertionError("a time lies in its round")
+def turn_at(ends: list[Fraction], time: Fraction) -> tuple[int, Fraction, Fraction]:
+    """The place of the timed phase that is on from a time on, when it began and when it ends; ``ends``: those of the
+    phases of the first round."""
+    begun = time - time % ends[-1]
+    place = bisect_right(ends, time - begun)
+    return place, begun + (ends[place - 1] if place else ZERO), begun + ends[place]
+
+
+def ends_of(turns: list[Phase]) -> list[Fraction]:
+    """When the timed phases of the first round end."""
+    return list(accumulate(turn.shortest for turn in turns))
 
 
 def schedule(case: Certificate, check: Any) -> None:
@@ -111,6 +117,8 @@ def keeps(case: Certificate, exact: Any) -> None:
 
     need(len(exact.phases) == len(turns), "there are not weights for every phase")
     hold = in_coordinates(case, exact) if exact.T else None
+    most = max(x for each in exact.phases for v in each.v for x in v)
+    curves = {} if hold else {mode: curves_of(p, mode, most, exact) for mode in {turn.mode for turn in turns}}
     for turn, each in zip(turns, exact.phases, strict=True):
         need(each.times[0] == 0, "times do not begin at 0")
         need(all(a < b for a, b in pairwise(each.times)), "times do not rise")
@@ -118,7 +126,7 @@ def keeps(case: Certificate, exact: Any) -> None:
         need(turn.longest in (None, each.times[-1]), "the times do not end with the longest one")
         handed(turn, each, [exact.phases[k].v[0] for k in turn.following], exact.rate)
         if hold is None:
-            falls(p, turn, each, exact)
+            falls(p, turn, each, exact, curves[turn.mode])
             continue
         for (a, b), (v, w) in zip(pairwise(each.times), pairwise(each.v), strict=True):
             for box in (v, w):  # rows are convex in the weights
@@ -164,13 +172,16 @@ def handed(turn: Phase, each: Any, nexts: list[Box], rate: Fraction) -> None:
         need(all(x <= factor * min(after) for x, after in zip(most, zip(*nexts, strict=True), strict=True)), "no fall")
 
 
-def falls(p: Problem, turn: Phase, each: Any, exact: Any) -> None:
+def curves_of(p: Problem, mode: str, most: Fraction, exact: Any) -> Curves:
+    """The couplings of a mode with tables as far as weights of at most ``most`` need them."""
+    width = enclosed(2 * (exact.rho or ONE) * most)[1]
+    couplings = {arc.coupling for arcs in p.heard[mode] for arc in arcs}
+    return {(h, mirrored): Curve(h, mirrored, -width, width) for h in couplings for mirrored in (False, True)}
+
+
+def falls(p: Problem, turn: Phase, each: Any, exact: Any, curves: Curves) -> None:
     """The rows of a phase; where it has no end, at rest at the rate as well."""
-    rho, heard = exact.rho or Fraction(1), p.heard[turn.mode]
-    width = enclosed(2 * rho * max(x for v in each.v for x in v))[1]
-    couplings = {arc.coupling for arcs in heard for arc in arcs}
-    curves = {(h, mirrored): Curve(h, mirrored, -width, width) for h in couplings for mirrored in (False, True)}
-    parts = []
+    rho, heard, parts = exact.rho or ONE, p.heard[turn.mode], []
     for (a, b), (v, w) in zip(pairwise(each.times), pairwise(each.v), strict=True):
         parts.append(Face((v, w), (v, w), [(y - x) / (b - a) for x, y in zip(v, w, strict=True)]))
     if turn.longest is None:
@@ -186,7 +197,7 @@ def falls(p: Problem, turn: Phase, each: Any, exact: Any) -> None:
 def cycles(turns: list[Phase]) -> list[tuple[str, ...]]:
     """Modes that may be on over and over, and no other; no longer cycle lacks all of them."""
     alone = [(turn.mode,) for turn in turns if turn.longest is None]
-    every = tuple(turn.mode for turn in turns)
+    every = tuple(dict.fromkeys(turn.mode for turn in turns))
     return [*alone, *(combinations(every, 2) if len(turns) > 1 and all(turn.first for turn in turns) else [every])]
 
 
@@ -235,7 +246,7 @@ def shown(
     i: int,
     face: Face,
     loads: tuple[Fraction, Fraction],
-    curves: dict[tuple[Coupling, bool], Curve],
+    curves: Curves,
     mirrored: bool,
     halvings: int,
     rho: Fraction = ZERO,

@@ -47,12 +47,12 @@ def examine(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
     first: list[tuple[str, Callable[[], None]]] = [
         ("it belongs to this problem", partial(belonging, case)),
         ("its list of checks", partial(completeness, case)),
-        ("its observer gain and pair (P, Q)", partial(observer, case)),
     ]
+    gain = [("its observer gain and pair (P, Q)", partial(observer, case))]
     each = [(f"{check.id} {check.mode or ''}: {check.verdict}", partial(confirm, case, check)) for check in case.checks]
     last = [(f"overall verdict: {case.claims.verdict}", partial(overall, case))]
     findings: list[tuple[bool, str]] = []
-    for title, step in (step for stage in (first, each, last) if all(ok for ok, _ in findings) for step in stage):
+    for title, step in (step for stage in (first, gain, each, last) if all(ok for ok, _ in findings) for step in stage):
         try:
             step()
             findings.append((True, title))

@@ -10,7 +10,7 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
-from .cycles import HALVINGS, TIMES, Face, fading, keeps, read_cycles, shown, timed, turn_at
+from .cycles import HALVINGS, TIMES, Face, ends_of, fading, keeps, read_cycles, shown, timed, turn_at
 from .files import Certificate
 from .intervals import enclosed
 from .margins import root
@@ -63,11 +63,12 @@ def moves(case: Certificate, tube: Any, box: Any) -> None:
     couplings = {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}
     curves = {(h, mirrored): Curve(h, mirrored, -reach, reach) for h in couplings for mirrored in (False, True)}
     turns = timed(p)
+    ends = ends_of(turns)
     loads = [noise(case, tube, box, time) for time in tube.times]
     for k in range(count - 1):
         length, on = tube.times[k + 1] - tube.times[k], list(p.modes)
         if turns:
-            place, _, end = turn_at(turns, tube.times[k])
+            place, _, end = turn_at(ends, tube.times[k])
             need(tube.times[k + 1] <= end, "the mode changes between two times")
             on = [turns[place].mode]
         for own, other, mirrored in ((tube.upper, tube.lower, False), (tube.lower, tube.upper, True)):
@@ -96,7 +97,7 @@ def takes_over(case: Certificate, tube: Any, last: Any, box: Any) -> tuple[Fract
             if claim.phases:
                 turns = timed(p)
                 need(bool(turns), "it is not said which phase is on when the tube ends")
-                place, begun, _ = turn_at(turns, tube.times[-1])
+                place, begun, _ = turn_at(ends_of(turns), tube.times[-1])
                 need(begun == tube.times[-1], "weights that move take over where a phase begins")
                 v = claim.phases[place].v[0]
         else:

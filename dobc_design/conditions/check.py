@@ -83,7 +83,8 @@ class Check(Shown):
     ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``claim``: what is proved, exactly; ``exact``
     is that as text.  ``mode`` is None on checks that speak of all modes together.  ``group``, the label of its first
     agent, stands on checks of one group of agents where these have different exosystems.  ``applies``: False where an
-    undecided condition is not about such a problem at all.
+    undecided condition is not about such a problem at all.  ``cut``: True where time or work ran out before it was
+    decided, so that it says nothing about the problem.
     """
 
     id: str
@@ -98,6 +99,7 @@ class Check(Shown):
     witness: Witness | None = None
     fix: Fix | None = None
     applies: bool = True
+    cut: bool = False
 
     def __post_init__(self) -> None:
         if self.id not in KINDS:
@@ -164,6 +166,11 @@ def undecided_check(id: str, domain: str, reason: str, *, applies: bool = True) 
     return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, applies=applies)
 
 
+def cut_check(id: str, domain: Domain, reason: str, *, mode: str | None = None) -> Check:
+    """A check that was not decided, because time or work ran out."""
+    return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, mode=mode, cut=True)
+
+
 def withdrawn(check: Check, domain: str, reason: str) -> Check:
     """The same check undecided: it claims nothing any more.  ``domain``: that of Lemma 1."""
     domain = "global" if check.kind.role == "part" else domain
@@ -178,7 +185,7 @@ def limited(id: str, domain: str, decide: Callable[[], Check]) -> Check:
             spend(0)
             return decide()
     except WorkLimitError as limit:
-        return undecided_check(id, domain, str(limit))
+        return cut_check(id, domain, str(limit))
 
 
 @contextmanager

@@ -6,6 +6,7 @@ the same place.  A clock enters only where a user asks for one (``until``).  Els
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +20,7 @@ from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import shown
 
 LONGEST: Final = 366 * 24 * 3600  # s
+SHORTEST: Final = 1e-3  # s
 
 
 def read_time_limit(value: Any, *, key: str = "time_limit") -> Fraction:
@@ -59,8 +61,13 @@ def at_most(steps: int) -> Iterator[None]:
 
 @contextmanager
 def until(seconds: float | None) -> Iterator[None]:
-    """Let the accounts inside end so many seconds from now; None: no clock."""
-    token = _CLOCK.set(None if seconds is None else (seconds, time.monotonic() + seconds))
+    """Let the accounts inside end so many seconds from now; None: as without it.  A clock outside that ends earlier
+    stays."""
+    clock = _CLOCK.get()
+    if seconds is not None:
+        own = seconds, time.monotonic() + seconds
+        clock = own if clock is None or own[1] < clock[1] else clock
+    token = _CLOCK.set(clock)
     try:
         yield
     finally:
@@ -75,6 +82,12 @@ def out_of_time() -> str | None:
     return f"left out or cut off, because the time limit of {clock[0]:g} s is over."
 
 
+def seconds_left(most: float = math.inf) -> float:
+    """How long a call of a library may still take, at most ``most``; > 0, so that every library takes it."""
+    clock = _CLOCK.get()
+    return most if clock is None else min(most, max(clock[1] - time.monotonic(), SHORTEST))
+
+
 def exhausted() -> str | None:
     """Why the open account gives nothing more; None while it does, and without one."""
     account = _ACCOUNT.get()
@@ -86,7 +99,10 @@ def exhausted() -> str | None:
 
 
 def spend(steps: int) -> None:
-    """Take steps from the open account.  Raises: WorkLimitError where it is used up, or the time is."""
+    """Take steps from the open account.  Raises: WorkLimitError where it is used up, or the time is.
+
+    A loop over vectors of any length spends by its passes, not by their lengths: what grows like the problem ends.
+    """
     account = _ACCOUNT.get()
     if account is not None:
         account.left -= steps

@@ -15,12 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from dobc_design.exact.work import spend
 from dobc_design.solvers.program import Array
 
 Indices = NDArray[np.intp]
 
 CENTRED: Final = 0.1  # Newton decrement at which a point counts as the centre
 MOST_STEPS: Final = 60
+STEP: Final = 20  # steps of work for one of Newton's
+CUBES: Final = 20_000  # and cubed rows for one more
 # Added to the scaled Hessian, in turn, where rounding leaves it indefinite near the boundary.
 _RIDGES: Final = (1e-14, 1e-11, 1e-8)
 
@@ -189,9 +192,11 @@ def centre(
     """Minimise cost'x + barrier by Newton steps, halved as needed, from inside or until ``stop``: the best point."""
     cost = np.zeros(len(point)) if cost is None else cost
     value = float(cost @ point) + problem.barrier(point)
+    rows = len(point) ** 3 + sum(len(block.constant) ** 3 for block in problem.blocks)
     for _ in range(MOST_STEPS):
         if stop is not None and stop(point):
             break
+        spend(STEP + rows // CUBES)
         gradient, hessian = problem.derivatives(point)
         step = _solve(hessian, gradient + cost)
         if step is None:

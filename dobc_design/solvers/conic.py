@@ -17,6 +17,7 @@ from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil, positive
 from dobc_design.exact.symmetric import Symmetric
+from dobc_design.exact.work import seconds_left
 from dobc_design.solvers.program import FAILED, Array, Program, Solution, as_sparse, assemble, is_solver_failure
 
 ROOT2: Final = math.sqrt(2.0)
@@ -56,7 +57,7 @@ def solve_cones(
     try:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
-        settings.time_limit = time_limit
+        settings.time_limit = seconds_left(time_limit)
         # The default, "clique_graph", takes all memory for some small sparse programs (Clarabel 0.11.1).
         settings.chordal_decomposition_merge_method = "parent_child"
         if accuracy is not None:

@@ -15,8 +15,10 @@ from regions import without_region
 from dobc_design import Certificate, Exosystem, Verdict, certify, load_problem, verify
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import Trusted, confirm, expected_checks, recheck
+from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.problem.canonical import canonical_bytes
 
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 INTEGRATOR = Exosystem(A=[[0]], C=[[1]])
@@ -121,7 +123,13 @@ def test_every_check_that_a_problem_calls_for_has_to_be_there(paper):
         lacking = "covered_by: not what" if left_out.id == "theorem1-weighted" else f"lacks {left_out.title}"
         assert lacking in failures(claims, problem)
     doubled = replace(certificate.claims, checks=(*certificate.checks, certificate.checks[0]))
-    assert "twice" in failures(doubled, problem)
+    found = recheck(doubled, problem)
+    assert (found.confirmed, found.failures) == ((), ("checks: a check stands there twice",))  # nothing is evaluated
+    second = checker.examine(certificate_bytes(doubled), canonical_bytes(problem))
+    assert [title for _, title in second] == [
+        "it belongs to this problem",
+        "its list of checks: a check stands there twice",
+    ]
     # several modes: theorem2; without an exosystem Lemma 1 alone; a P given: the printed check as well
     switching = [id for id, *_ in expected_checks(load_problem("paper-switching"))]
     assert switching.count("lemma1") == 4

@@ -22,6 +22,7 @@ from dobc_design.conditions.quadratic.sectors import GainRange, is_sum_of_curves
 from dobc_design.coupling.coupling import Coupling
 from dobc_design.coupling.expression import variables_used
 from dobc_design.exact.number import nearest
+from dobc_design.exact.work import spend
 from dobc_design.problem.integrators import leaders_box, slopes_of_nodes
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.barrier import Basis, Block, Indices, Inequalities
@@ -121,6 +122,7 @@ def range_gains(ranges: Sequence[GainRange], count: int, m: int) -> Gains:
 def _sampled(coupling: Coupling, radius: float) -> Gains:
     """H_c(y)/y_d along the axes, and the slopes at 0, where H_c is a sum of functions of one variable each; elsewhere
     slopes."""
+    spend(0 if coupling.is_linear else coupling.dimension * _steps(coupling))
     m, y = coupling.dimension, np.delete(np.linspace(-radius, radius, POINTS), POINTS // 2)  # without 0
     summed = [c for c in range(m) if coupling.by_component or is_sum_of_curves(coupling.components[c].node)]
     low, high = np.zeros((2, m, m)) if len(summed) == m else _of_vectors(coupling, radius)
@@ -136,10 +138,16 @@ def _sampled(coupling: Coupling, radius: float) -> Gains:
     return np.where(flat, middle, low), np.where(flat, middle, high)
 
 
+def _steps(coupling: Coupling) -> int:
+    """What its values at some hundred points take: about two steps for each sign and function."""
+    return 1 + sum(len(component.text) for component in coupling.components) // 4
+
+
 def _of_vectors(coupling: Coupling, radius: float | Array, about: float | Array = 0.0) -> Gains:
     """Central differences at the corners, the centre and scattered points, for |y_c - about_c| <= radius, or its c."""
     radius = np.broadcast_to(radius, coupling.dimension)
     m = coupling.dimension
+    spend(2 * m * _steps(coupling))
     corners = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=m))) if m <= 4 else np.zeros((1, m))
     scattered = np.random.default_rng(0).uniform(-1, 1, (SCATTERED, m))
     points = about + radius * np.concatenate([corners, scattered]) * (1 - _STEP)

@@ -13,7 +13,7 @@ from fractions import Fraction
 from functools import partial
 from typing import Final
 
-from dobc_design.conditions.check import Check, surviving, undecided_check
+from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import claimed, rounded_down
 from dobc_design.conditions.quadratic.claim import Lure, Shape
@@ -60,7 +60,7 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     with at_most(3 * STAGE if asked.everything else STAGE):  # there are more shapes then, and interval bounds
         found, cut = _ladder(asked, report), exhausted()
     if not found and cut is not None:
-        return [undecided_check("lure", asked.domain, cut)]
+        return [cut_check("lure", asked.domain, cut)]
     if not found:
         ball = f"any ball together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help."
         reason = f"no quadratic V is found{f' for {ball}' if asked.disturbance else ', not even close to the target.'}"

@@ -19,7 +19,7 @@ import bisect
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
+from functools import lru_cache, partial
 from itertools import accumulate, combinations, pairwise
 from typing import Any, Final
 
@@ -28,7 +28,7 @@ import numpy as np
 from dobc_design._show.cards import Shown
 from dobc_design.conditions.numbers import vector_to_json
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_to_json
-from dobc_design.conditions.schedule.rows import Box, moving_rows
+from dobc_design.conditions.schedule.rows import Box, MovingRows, moving_rows
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
     acts_by_component,
@@ -45,6 +45,7 @@ from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.number import float_above, float_below, number_text
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.settings import Switching
 from dobc_design.problem.words import lasting
 
 ZERO, ONE = Fraction(0), Fraction(1)
@@ -64,8 +65,13 @@ class Phase(Shown):
 
 
 def phases_of(problem: Problem) -> tuple[Phase, ...]:
-    """The phases of the guarantee of [switching]; empty without one, and where one mode is always on."""
-    own, modes = problem.switching, tuple(problem.network.modes)
+    """The phases of the guarantee of [switching]; empty without one, and where one mode is always on.  A sequence that
+    repeats a shorter one has the phases of the shorter one."""
+    return _phases(problem.switching, tuple(problem.network.modes))
+
+
+@lru_cache(maxsize=16)
+def _phases(own: Switching | None, modes: tuple[str, ...]) -> tuple[Phase, ...]:
     if own is None or own.guarantee not in ("dwell", "sequence") or len(modes) == 1:
         return ()
     if own.guarantee == "dwell":
@@ -87,10 +93,18 @@ def phases_of(problem: Problem) -> tuple[Phase, ...]:
     else:
         order = list(own.sequence or modes)
         lengths = [own.dwell if own.dwell is not None else (own.period or ZERO) / len(order)] * len(order)
+    turns = list(zip(order, lengths, strict=True))
+    turns = turns[: shortest_period(turns)]
     return tuple(
-        Phase(mode=mode, shortest=time, longest=time, successors=((p + 1) % len(order),), first=p == 0)
-        for p, (mode, time) in enumerate(zip(order, lengths, strict=True))
+        Phase(mode=mode, shortest=time, longest=time, successors=((p + 1) % len(turns),), first=p == 0)
+        for p, (mode, time) in enumerate(turns)
     )
+
+
+def shortest_period(turns: Sequence[object]) -> int:
+    """The least length of a beginning that, over and over, gives the whole."""
+    size = len(turns)
+    return next(k for k in range(1, size + 1) if size % k == 0 and turns[k:] == turns[:-k])
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,13 +258,17 @@ def _needs(problem: Problem, W: Matrix | None, claim: Cycles) -> Iterator[tuple[
     if claim.T is not None:
         wrong = gains_obstacle(problem, claim.T, claim.tallest, claim.rho, claim.ranges)
         yield wrong is None, str(wrong)
+    rows = dict.fromkeys(phase.mode for phase in phases)
+    if claim.T is None:  # tables as wide as the widest phase needs, once for each mode
+        reach = claim.most * (ONE if claim.rho is None else claim.rho)
+        rows = {mode: moving_rows(problem, reach, [mode]) for mode in rows}
     for p, (phase, each) in enumerate(zip(phases, claim.phases, strict=True)):
         where = f"phase {p + 1} (mode {phase.mode})"
         yield phase.shortest in each.times, f"{where}: its shortest time has to be among the times."
         yield phase.longest is None or each.times[-1] == phase.longest, f"{where}: times have to end with its longest."
         for q in phase.successors:
             yield _fits(each, claim.phases[q], phase, claim.rate), f"{where}: its weights do not fall far enough."
-        yield not _open(problem, phase, each, claim), f"{where}: a row does not hold."
+        yield not _open(problem, rows[phase.mode], phase, each, claim), f"{where}: a row does not hold."
 
 
 def holds_observer(
@@ -337,12 +355,10 @@ def _fits(old: Weights, new: Weights, phase: Phase, rate: Fraction) -> bool:
     return True
 
 
-def _open(problem: Problem, phase: Phase, each: Weights, claim: Cycles) -> bool:
+def _open(problem: Problem, rows: MovingRows | None, phase: Phase, each: Weights, claim: Cycles) -> bool:
     """Whether a row of the phase is not proved."""
     if claim.T is not None:
         return _open_in_coordinates(problem, phase, each, claim, claim.T)
-    reach = ONE if claim.rho is None else claim.rho
-    rows = moving_rows(problem, reach * max(x for v in each.v for x in v), [phase.mode])
     if rows is None:
         return True
     boxes, none = Box.of(each.v, each.v), np.zeros(len(each.times))

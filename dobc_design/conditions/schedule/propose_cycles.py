@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
 from itertools import accumulate, islice
@@ -28,6 +28,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import root_above
+from dobc_design.exact.work import spend
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
@@ -36,6 +37,7 @@ ACCURACY: Final = 1e-7  # of a point, as a part of what it falls by
 CLOSE: Final = 0.999  # of a goal, which a chord does not miss by more
 MOST_HALVINGS: Final = 40
 MOST_NEWTON: Final = 12
+CHORD: Final = 40  # steps of work for an attempt at a chord
 
 #: The slopes that are asked for at points (count, size), at one time (s).
 Asked = Callable[[Array, Fraction], Array]
@@ -58,6 +60,7 @@ class Chords:
         """The end of the next chord, at most ``until``, and where its largest entry falls just below ``lands``."""
         before = asked(point[None], now)[0]
         for _ in range(MOST_HALVINGS):
+            spend(CHORD)
             after = now + Fraction(f"{self.step:.4g}")
             if until is not None and after + (after - now) > until:  # no sliver is left over
                 after = until if after >= until else now + (until - now) / 2
@@ -129,10 +132,11 @@ TRIED_CURVED: Final = (
     (0.04, 0.1, 0.1),
 )
 ROOM: Final = 0.998  # of a rate, that is claimed
+HANDED: Final = 1  # steps of work for what one phase hands over
 ENDS: Final = 24  # parts of the times at which a phase may end
 MOST_STEPS: Final = 500
 MOST_COORDINATES: Final = 3
-ROUNDS: Final = 4  # of weights and gains in turn
+ROUNDS: Final = 4  # of weights and gains in turn, and at least of a sequence
 WIDER: Final = 1.05  # than the largest weights seen
 TAILS: Final = 8  # times that a phase without an end is doubled until its rows hold with weights at rest
 
@@ -174,6 +178,7 @@ class _Flow:
     slack: float
     pace: float  # 1/s, about the rate
     bend: float
+    known: dict[tuple[str, Fraction, Fraction | None, float, bytes], Way | None] = field(default_factory=dict)
 
     def asked(self, v: Array, t: Fraction = ZERO) -> Array:
         """The slopes (count, n) that rows ask of weights (count, n), and a little more."""
@@ -182,6 +187,12 @@ class _Flow:
 
     def way(self, start: Array, rate: float) -> Way | None:
         """Until its longest time; without one until the weights keep their place.  None if none is found."""
+        key = self.phase.mode, self.phase.shortest, self.phase.longest, rate, start.tobytes()
+        if key not in self.known:
+            self.known[key] = self._way(start, rate)
+        return self.known[key]
+
+    def _way(self, start: Array, rate: float) -> Way | None:
         nodes = _ends(self.phase.shortest, self.phase.longest or self.phase.shortest)
         way, last = [(ZERO, start)], self.phase.longest
         chords = Chords(bend=self.bend, pace=self.pace, step=float(self.phase.shortest) / ENDS, floor=1.0)
@@ -202,7 +213,8 @@ def propose(problem: Problem, W: Matrix | None, *, rho: Fraction | None, error: 
     """Claims that are proved for weights whose least at the beginning of phases is 1, the fastest first."""
     phases, reach = phases_of(problem), Fraction(1) if rho is None else rho
     steepest = STEEPEST if rho is None else max(FAR, FAR / float(rho))
-    rows = {phase.mode: moving_rows(problem, reach * Fraction(steepest), [phase.mode]) for phase in phases}
+    modes = dict.fromkeys(phase.mode for phase in phases)
+    rows = {mode: moving_rows(problem, reach * Fraction(steepest), [mode]) for mode in modes}
     known = {mode: found for mode, found in rows.items() if found is not None}
     if len(known) < len(rows):
         return
@@ -274,13 +286,17 @@ def _drafts(
         rate, faster = part * most, (1 + part) / 2 * most
         if not top > 0:
             return
+        ways: dict[Any, Way | None] = {}  # the same in phases that are alike
         flows = [
-            _Flow(phase=phase, rows=known[phase.mode], sizes=sizes, slack=slack, pace=top, bend=bend)
+            _Flow(phase=phase, rows=known[phase.mode], sizes=sizes, slack=slack, pace=top, bend=bend, known=ways)
             for phase in phases
         ]
         ones = [np.ones(size) for _ in phases]
-        x = _settled(partial(linear.step, rate=faster), ones, most=steepest, steps=10 * ITERATIONS)
-        x = None if x is None else _settled(partial(_step, flows, rate=rate), x, most=steepest, steps=FOLLOWED)
+        steps = 10 * ITERATIONS
+        steps = max(ROUNDS, 10 * steps // len(phases)) if _in_turn(phases) else steps
+        x = _settled(phases, partial(linear.handed, rate=faster), ones, most=steepest, steps=steps)
+        if x is not None:
+            x = _settled(phases, partial(_handed, flows, rate=rate), x, most=steepest, steps=FOLLOWED)
         claim = None if x is None else _claim(flows, x, rate, rho, error)
         if claim is not None:
             yield claim
@@ -303,18 +319,13 @@ def _most(times: Array, v: Array, rate: float) -> Array:
     return np.asarray(np.max(np.exp(rate * times)[:, None] * larger, axis=0))
 
 
-def _step(flows: Sequence[_Flow], x: Sequence[Array], rate: float) -> list[Array] | None:
-    """G(x)."""
-    found = [np.zeros_like(each) for each in x]
-    for flow, start in zip(flows, x, strict=True):
-        way = flow.way(start, rate)
-        if way is None:
-            return None
-        ends = [each for each in way if each[0] >= flow.phase.shortest]
-        handed = _most(np.array([float(t) for t, _ in ends]), np.array([v for _, v in ends]), rate)
-        for q in flow.phase.successors:
-            found[q] = np.maximum(found[q], handed)
-    return found
+def _handed(flows: Sequence[_Flow], p: int, start: Array, rate: float) -> Array | None:
+    """The largest weights, times exp(rate t), that phase p hands over when it begins with these."""
+    way = flows[p].way(start, rate)
+    if way is None:
+        return None
+    ends = [each for each in way if each[0] >= flows[p].phase.shortest]
+    return _most(np.array([float(t) for t, _ in ends]), np.array([v for _, v in ends]), rate)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -340,48 +351,96 @@ class _Linear:
 
     @classmethod
     def along(cls, phases: Sequence[Phase], M: Mapping[str, Array]) -> _Linear:
+        known: dict[tuple[str, Fraction, Fraction], tuple[Array, Array]] = {}
         ways = list[tuple[Array, Array]]()
         for phase in phases:
             last = phase.shortest * 2 if phase.longest is None else phase.longest
-            times = np.array([float(t) for t in _ends(phase.shortest, last)])
-            first, part = (expm(M[phase.mode] * t) for t in (times[0], (times[-1] - times[0]) / ENDS))
-            maps = accumulate([part] * (len(times) - 1), np.matmul, initial=first)
-            ways.append((times, np.array(list(maps))))
+            key = phase.mode, phase.shortest, last
+            if key not in known:
+                known[key] = _maps(M[phase.mode], _ends(phase.shortest, last))
+            ways.append(known[key])
         return cls(phases=phases, ways=ways)
 
-    def step(self, x: Sequence[Array], rate: float) -> list[Array]:
-        """G(x)."""
-        found = [np.zeros_like(each) for each in x]
-        for phase, (times, maps), start in zip(self.phases, self.ways, x, strict=True):
-            handed = _most(times, maps @ start, rate)
-            for q in phase.successors:
-                found[q] = np.maximum(found[q], handed)
-        return found
+    def handed(self, p: int, start: Array, rate: float) -> Array:
+        """The largest weights, times exp(rate t), that phase p hands over when it begins with these."""
+        times, maps = self.ways[p]
+        return _most(times, maps @ start, rate)
 
     def estimate(self, n: int) -> float:
-        """About the largest rate: how fast G shrinks at rate 0, per second."""
-        x, shrinking = [np.ones(n) for _ in self.phases], list[float]()
-        for _ in range(ITERATIONS):
-            found = self.step(x, 0.0)
-            size = max(float(each.max()) for each in found)
-            if not size > 0:
-                return 0.0
-            shrinking.append(-math.log(size))
-            x = [each / size for each in found]
+        """About the largest rate: how fast weights shrink that phases hand over, per second."""
+        if _in_turn(self.phases):
+            return self._of_one_round()
         mean = float(np.mean([times[-1] for times, _ in self.ways]))
-        return sum(shrinking[ITERATIONS // 2 :]) / (ITERATIONS - ITERATIONS // 2) / mean
+        shrinking = list(self._spreading(n))
+        late = shrinking[len(shrinking) // 2 :]
+        return sum(late) / len(late) / mean if math.isfinite(sum(late)) else 0.0
+
+    def _of_one_round(self) -> float:
+        """The same where each phase has one end: by the spectral radius of the map of a round."""
+        whole, lost = np.eye(self.ways[0][1].shape[-1]), 0.0
+        for _, maps in self.ways:
+            spend(HANDED)
+            whole = maps[-1] @ whole
+            size = float(np.abs(whole).max())
+            if not (size > 0 and math.isfinite(size)):
+                return 0.0
+            whole, lost = whole / size, lost - math.log(size)
+        radius = float(np.abs(np.linalg.eigvals(whole)).max())
+        length = sum(float(times[-1]) for times, _ in self.ways)
+        return (lost - math.log(radius)) / length if radius > 0 else 0.0
+
+    def _spreading(self, n: int) -> Iterator[float]:
+        """How far weights shrink when every phase hands over at once, as a logarithm."""
+        x = [np.ones(n) for _ in self.phases]
+        for _ in range(ITERATIONS):
+            spend(HANDED * len(self.phases))
+            found = [np.zeros(n) for _ in self.phases]
+            for p, phase in enumerate(self.phases):
+                handed = self.handed(p, x[p], 0.0)
+                for q in phase.successors:
+                    found[q] = np.maximum(found[q], handed)
+            size = max(float(each.max()) for each in found)
+            yield -math.log(size) if size > 0 else math.inf
+            x = [each / size for each in found] if size > 0 else x
+
+
+def _in_turn(phases: Sequence[Phase]) -> bool:
+    """Whether it is said which phase follows which."""
+    return all(phase.successors == ((p + 1) % len(phases),) for p, phase in enumerate(phases))
+
+
+def _maps(M: Array, ends: Sequence[Fraction]) -> tuple[Array, Array]:
+    """Times (s) at which a phase may end, and the maps exp(M t) until then."""
+    spend(HANDED * len(ends))
+    times = np.array([float(t) for t in ends])
+    first, part = (expm(M * t) for t in (times[0], (times[-1] - times[0]) / ENDS))
+    maps = accumulate([part] * (len(times) - 1), np.matmul, initial=first)
+    return times, np.array(list(maps))
 
 
 @np.errstate(all="ignore")  # near the ends of the floats
-def _settled(step: Any, x: list[Array], *, most: float, steps: int) -> list[Array] | None:
-    """x >= max (1, G(x)), from a smaller one; None if it grows too far."""
+def _settled(
+    phases: Sequence[Phase],
+    handed: Callable[[int, Array], Array | None],
+    x: Sequence[Array],
+    *,
+    most: float,
+    steps: int,
+) -> list[Array] | None:
+    """x >= max (1, G(x)), from a smaller one, phase after phase; None if it grows too far."""
+    x = list(x)
     for _ in range(steps):
-        found = step(x)
-        if found is None or max(float(each.max()) for each in found) > 0.95 * most:
-            return None
-        if all(np.all(new <= old * (1 + SETTLED)) for new, old in zip(found, x, strict=True)):
+        settled = True
+        for p, phase in enumerate(phases):
+            spend(HANDED)
+            found = handed(p, x[p])
+            if found is None or float(found.max()) > 0.95 * most:
+                return None
+            for q in phase.successors:
+                settled = settled and bool(np.all(found <= x[q] * (1 + SETTLED)))
+                x[q] = np.maximum(x[q], found)
+        if settled:
             return x
-        x = [np.maximum(old, new) for old, new in zip(x, found, strict=True)]
     return None
 
 

@@ -14,7 +14,7 @@ from functools import partial
 from itertools import chain
 from typing import Any, Final
 
-from dobc_design.conditions.check import Check, surviving, undecided_check
+from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.coverage import Progress, asked_radius
 from dobc_design.conditions.numbers import claimed, decimal_above, rounded_up
@@ -42,6 +42,8 @@ logger = logging.getLogger("dobc_design")
 
 #: Agents times state components up to which settling times are looked for.
 MOST_ROWS: Final = 100
+MOST_PHASES: Final = 2000  # up to which weights are looked for
+WORK: Final = 3  # stages' work for one search of weights
 DIGITS: Final = 10  # of levels and roots
 EXTRA: Final = Fraction(1, 10**9)  # added to them, for whoever encloses exp more widely
 SMALLEST: Final = Fraction(1, 10**300)
@@ -205,7 +207,7 @@ def settling_stage(
             spend(0)
             found = settle(problem, W, asked, progress=report)
     except WorkLimitError as limit:
-        return undecided_check("settling", domain, str(limit))
+        return cut_check("settling", domain, str(limit))
     except (ArithmeticError, RuntimeError, ValueError) as error:
         logger.warning("no settling time: %s", error)
         return undecided_check("settling", domain, "no settling time is found: a numerical library broke down.")
@@ -223,19 +225,27 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
         return [undecided(reason)]
     report("following the weights from mode to mode")
     own = (_turned_cycles,) if problem.origin is not None else ()  # where A couples components
-    for search in (_turned_cycles,) if turned else (_weighted_cycles, *own, _bare_cycles):
+    phases, cut = len(phases_of(problem)), None
+    searches = (_turned_cycles,) if turned else (_weighted_cycles, *own, _bare_cycles)
+    if phases > MOST_PHASES:
+        searches = () if turned else (_bare_cycles,)
+    for search in searches:
         try:
-            with at_most(STAGE), surviving("no weights under the guarantee"):
+            with at_most(WORK * STAGE), surviving("no weights under the guarantee"):
                 spend(0)
                 claim = search(problem, W, asked)
                 if claim is not None:
                     return [cycles_check(problem, W, claim, asked)]
         except WorkLimitError as limit:
-            logger.warning("no weights under the guarantee: %s", limit)
+            cut = str(limit)
+    if cut is not None:
+        return [cut_check("schedule", asked.domain, cut)]
     missed = None if turned or own else next(unreached_cycles(problem, phases_of(problem)), None)
     reason = f"no weights are found that fall for {guarantee_in_words(problem)}."
     if missed is not None:
         reason = f"while modes {' and '.join(missed[0])} are on in turn, no pin reaches agent {missed[1]}."
+    elif phases > MOST_PHASES:
+        reason = f"left out, because it takes long with {phases} phases; weights are looked for up to {MOST_PHASES}."
     return [undecided(reason)]
 
 

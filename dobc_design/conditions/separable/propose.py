@@ -24,6 +24,7 @@ from dobc_design.conditions.separable.propose_observer import propose_error_boun
 from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.matrix import Matrix, Vector
 from dobc_design.exact.symmetric import Doubles
+from dobc_design.exact.work import spend
 from dobc_design.problem.arrays import coupling_places, split_by
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array, factored
@@ -38,6 +39,7 @@ FINEST, COARSEST = 33, 5
 AT_ONCE = 50_000  # evaluations of h in one call
 NEAREST = 1e-5  # the smallest s, as a part of rho
 STEP = 1e-6  # of central differences
+VALUES = 8  # steps of work for one face of one mode
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +81,7 @@ class Field:
 
     def values(self, mode: int, face: int, v: Array) -> Array:
         """One face of one mode: the largest sum of every agent at each s of the grid, without its gain, (grid, n)."""
+        spend(VALUES)
         total = np.zeros((len(self.grid), self.size))
         for group in self.modes[mode]:
             own, other = v[group.listeners], v[group.speakers]

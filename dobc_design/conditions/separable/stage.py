@@ -8,7 +8,7 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
-from dobc_design.conditions.check import Check, limited, surviving, undecided_check
+from dobc_design.conditions.check import Check, cut_check, limited, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down
 from dobc_design.conditions.separable import checks, propose
@@ -43,7 +43,9 @@ def separable_stage(asked: Asked, report: Progress) -> list[Check]:
     if apart or _size(first) >= asked.radius:
         return found
     report("deciding the region (max-separable, in coordinates)")
-    claims = _in_coordinates(asked)
+    claims, cut = _in_coordinates(asked)
+    if not claims and cut is not None:
+        return found if first.applies else [cut_check("max-separable", asked.domain, cut)]
     if not claims:
         reason = "no coordinates z = T x with weights v are found in which the largest weighted error decreases."
         return found if first.applies else [undecided_check("max-separable", asked.domain, reason)]
@@ -61,8 +63,8 @@ def _size(check: Check) -> float:
     return float(check.domain["radius"]) if isinstance(check.domain, Mapping) else math.inf
 
 
-def _in_coordinates(asked: Asked) -> dict[float, Separable]:
-    """Claims by the radius of their boxes: that asked for, else the largest that are found."""
+def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
+    """Claims by the radius of their boxes: that asked for, else the largest that are found; why no more are sought."""
     claims, everywhere = dict[float, Separable](), asked.domain == "global"
 
     def holds(halvings: float) -> bool:
@@ -77,7 +79,8 @@ def _in_coordinates(asked: Asked) -> dict[float, Separable]:
     with at_most(STAGE):
         if not holds(0) and not everywhere and holds(HALVINGS):
             bisected(holds, float(HALVINGS), 0.0, steps=next(steps for n, steps in ROUGHLY if asked.problem.n <= n))
-    return claims
+        cut = exhausted()
+    return claims, cut
 
 
 def _by_component(asked: Asked, report: Progress) -> list[Check]:
@@ -92,7 +95,7 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
         claim, radius = largest_claim(asked)
         cut = exhausted()
     if claim is None and cut is not None:
-        return [undecided_check("max-separable", domain, cut)]
+        return [cut_check("max-separable", domain, cut)]
     if claim is None:
         reason = "no v is found"
         if domain != "global":
@@ -144,7 +147,7 @@ def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
     size = Fraction(1) if asked.domain == "global" else claimed(radius)
     disturbance = Fraction(0) if asked.domain == "global" else claimed(asked.disturbance)
     plan = None
-    with surviving(f"no max-separable proposal for radius {radius}"):
+    with surviving(f"no max-separable proposal for radius {radius}", WorkLimitError):
         plan = propose.design_separable(asked.problem, radius=size, disturbance=disturbance, W=asked.W)
     return plan
 

@@ -24,6 +24,7 @@ from dobc_design.conditions.weighted.decide import Weighted, observer_bounds
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, Vector, to_float
 from dobc_design.exact.symmetric import Doubles
+from dobc_design.exact.work import spend
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.problem.exosystems import block_diagonal
 from dobc_design.problem.groups import gains_of, group_numbers
@@ -42,6 +43,8 @@ FLOOR = 0.1  # the right side of inverse iteration is at least this part of its 
 BISECTIONS = 8
 COMPARED = 8  # modes that are compared two by two
 LARGEST_PROGRAM = 10 * 60**3  # states^3 times modes for which common weights are sought by a semidefinite program
+LONGEST = 60.0  # s, for that program
+SOLVER, EIGENVALUES = 10, 3000  # steps of work for a solver and each solution; cubed rows for a step
 MARGIN = 1e-6
 LEFT, ROUNDED = 0.25, 1e-9  # a row is met when these parts of its right side and of its terms are left at most
 CLOSE, QUICK = (1e-2, 1e-5), 400  # where iterations stop
@@ -121,6 +124,7 @@ def perron(table: Any) -> Perron | None:
     w = u = ones = np.ones(size)
     acyclic = csgraph.connected_components(table, connection="strong")[0] == size
     if size <= DENSE or acyclic:
+        spend(0 if acyclic else size**3 // EIGENVALUES)
         mu = float(table.diagonal().min() if acyclic else np.linalg.eigvals(table.toarray()).real.min())
         pairs = (_pair(table, part * mu, ones, ones) for part in (CLOSEST, *PARTS[1:-1]) if mu > 0)
         return next((pair for pair in pairs if pair is not None), None)
@@ -156,6 +160,7 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
     """Solutions of (M - rate I) x = b > 0, or with the transpose ("T"), about: by a factorisation where the network is
     small or stays sparse, else by iteration.  None where none is positive, each row met up to a part of its terms."""
     size = table.shape[0]
+    spend(SOLVER)
     shifted = sparse.csc_array(table - rate * sparse.eye_array(size))
     matrices = {"N": sparse.csr_array(shifted), "T": sparse.csr_array(shifted.T)}
     scale = shifted.diagonal()
@@ -182,6 +187,7 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
             yield sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=CLOSE[-1], maxiter=QUICK)[0]
 
     def solve(right: Array, which: str) -> Array | None:
+        spend(SOLVER)
         with np.errstate(all="ignore"), suppress(*GIVEN_UP):
             for x in answers(right, which):
                 missed = np.abs(matrices[which] @ x - right)
@@ -223,7 +229,7 @@ def _program(tables: Mapping[str, Any], rate: float) -> Iterator[Array]:
         units = [np.outer(e, row) + np.outer(row, e) for e, row in zip(np.eye(size), rows, strict=True)]
         columns = np.column_stack([*(-svec(unit) for unit in units), np.zeros(size * (size + 1) // 2)])
         cones.append(Cone("semidefinite", columns, -svec(MARGIN * float(np.abs(rows).max()) * np.eye(size))))
-    answer = solve_cones(np.append(np.zeros(size), 1.0), cones)
+    answer = solve_cones(np.append(np.zeros(size), 1.0), cones, time_limit=LONGEST)
     found = answer.x[:size] if answer.found else np.zeros(0)
     if len(found) and found.min() > 0:
         yield found / found.max()

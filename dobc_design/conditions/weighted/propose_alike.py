@@ -15,11 +15,13 @@ from dobc_design.conditions.numbers import bisected, shorten
 from dobc_design.conditions.weighted.network import Alike, Network, holds_of_agents
 from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals
 from dobc_design.exact.matrix import Matrix, add, multiply, nullspace, scale, subtract, to_float, transpose, zeros
+from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers import conic
 from dobc_design.solvers.conic import Cone, solve_cones, svec
 from dobc_design.solvers.program import Array
 
+MOST_STATES = 20  # m, up to which an R is looked for: it has m (m + 1)/2 unknowns
 STRENGTHS = 4  # of the network, that are tried, the largest first
 BISECTIONS = 20
 PARTS = (0.9995, 0.99, 0.9, 0.5, 0.1, 0.01, 0.0)  # of the rate that is thought possible
@@ -74,6 +76,7 @@ def _found(basis: tuple[Matrix, ...], network: Network, strength: float, rate: f
         affine_cone([-pulled(each) for each in units], -room * np.eye(m)),
         affine_cone([seen.T @ each @ G @ seen for each in units], -1e-9 * (G @ seen).T @ G @ seen),
     ]
+    spend(len(units) ** 2 // 4)
     with suppress(*GIVEN_UP):
         answer = solve_cones(np.array([float(np.trace(each)) for each in units]), cones)
         if answer.found and answer.status in ("Solved", "AlmostSolved"):

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dobc_design.conditions.check import Check, limited, undecided_check
+from dobc_design.conditions.check import Check, cut_check, limited, undecided_check
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.weighted.checks import id_for, weighted_check
 from dobc_design.conditions.weighted.decide import why_not
 from dobc_design.conditions.weighted.network import network_of
 from dobc_design.conditions.weighted.propose import disagreeing, proposals
-from dobc_design.conditions.weighted.propose_alike import alike_proposals
+from dobc_design.conditions.weighted.propose_alike import MOST_STATES, alike_proposals
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
 from dobc_design.problem.arrays import unreached
@@ -29,7 +29,13 @@ def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
     alone = problem if network is None else network.statements.problem
     if any(unreached(alone, [arcs]) for arcs in modes.values()):
         return []
-    reasons = (out_of_time(), *(too_large(group.exosystem) for group in problem.groups))
+    if (late := out_of_time()) is not None:
+        return [cut_check(id, statements.domain, late)]
+    reasons = [too_large(group.exosystem) for group in problem.groups]
+    if network is not None and problem.m > MOST_STATES:
+        reasons.append(
+            f"left out, because it takes long with {problem.m} states per agent; it is examined up to {MOST_STATES}."
+        )
     if (reason := next(filter(None, reasons), None)) is not None:
         return [undecided_check(id, statements.domain, reason)]
 

@@ -13,6 +13,8 @@ from searches import HALF_AS_FAST, coarse_tables, few_chords, few_coordinates, o
 from dobc_design import Network, Problem, Switching, Verdict, certify, certify_settling, simulate
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.recheck import recheck
+from dobc_design.checker import cycles as checker_cycles
+from dobc_design.checker import files as checker_files
 from dobc_design.conditions.schedule import propose_cycles
 from dobc_design.conditions.schedule.cycles import (
     Cycles,
@@ -27,6 +29,9 @@ from dobc_design.conditions.schedule.cycles import (
 from dobc_design.conditions.schedule.stage import schedule_stage
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
+from dobc_design.exact import work
+from dobc_design.exact.work import at_most
+from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
 
 HALF, ONE, TWO = Fraction(1, 2), Fraction(1), Fraction(2)
@@ -97,6 +102,33 @@ def test_there_are_no_phases_without_a_guarantee_or_with_one_mode():
     assert why_not(problem(signal="random", dwell=1), None, Cycles(phases=(), rate=None, rho=None)) is not None
 
 
+def test_a_sequence_that_repeats_a_shorter_one_has_its_phases():
+    """Also in the second program; other lengths make another sequence."""
+    for times, dwell, once in ((50, 1, 1), (2, [1, 2, 1, 2], [1, 2])):
+        own = problem(guarantee="sequence", sequence=["A", "B"] * times, dwell=dwell)
+        assert lengths(own) == lengths(problem(guarantee="sequence", sequence=["A", "B"], dwell=once))
+        found = checker_cycles.phases(checker_files.Problem(canonical_bytes(own)))
+        assert [(each.mode, each.shortest) for each in found] == [(each.mode, each.shortest) for each in phases_of(own)]
+    assert len(phases_of(problem(guarantee="sequence", sequence=["A", "B"] * 2, dwell=[1, 2, 1, 1]))) == 4
+    assert len(phases_of(problem(guarantee="sequence", sequence=["A", "B", "A"], dwell=1))) == 3
+
+
+def test_the_work_of_a_sequence_grows_like_its_phases():
+    """30 and 100 phases, none of which repeats: at most 3.6 times the steps."""
+
+    def steps(count: int) -> int:
+        turns = ["A", "A", *(mode for k in range(count // 2 - 1) for mode in ("B", "A" if k % 3 else "B"))]
+        own = problem({"A": [[2, 1]], "B": [[3, 2]]}, guarantee="sequence", sequence=turns, dwell="1/10")
+        assert len(phases_of(own)) == count
+        with at_most(10**9):
+            claim = next(propose_cycles.propose(own, None, rho=None, error=None))
+            account = work._ACCOUNT.get()
+        assert claim.rate > 0 and account is not None
+        return account.granted - account.left
+
+    assert steps(100) <= 3.6 * steps(30)
+
+
 def test_a_guarantee_in_words():
     words = {
         "every signal whose modes last at least 0.5 s": {"guarantee": "dwell", "dwell": "1/2"},
@@ -107,9 +139,9 @@ def test_a_guarantee_in_words():
             "sequence": ["A", "B"],
             "dwell": [1, 2],
         },
-        "the signal A for 1 s, B for 1 s, A for 1 s, B for 1 s, A for 1 s, B for 1 s, ..., over and over": {
+        "the signal A for 1 s, A for 1 s, B for 1 s, A for 1 s, B for 1 s, A for 1 s, ..., over and over": {
             "guarantee": "sequence",
-            "sequence": ["A", "B"] * 4,
+            "sequence": ["A", *["A", "B"] * 4],
             "dwell": 1,
         },
     }
@@ -341,8 +373,10 @@ def test_agents_whose_dynamics_couple_components_are_seen_in_coordinates():
 def test_weights_settle_where_the_map_shrinks_and_end_where_it_grows_or_takes_too_long():
     """x >= max(1, G(x)) for G(x) = factor x + 1, whose fixed point is 1 / (1 - factor)."""
 
+    alone = [Phase(mode="A", shortest=ONE, longest=ONE, successors=(0,), first=True)]
+
     def settled(factor, *, most=100.0, steps=100):
-        return propose_cycles._settled(lambda x: [factor * x[0] + 1], [np.ones(2)], most=most, steps=steps)
+        return propose_cycles._settled(alone, lambda p, x: factor * x + 1, [np.ones(2)], most=most, steps=steps)
 
     (found,) = settled(0.5)
     assert found == pytest.approx([2, 2], rel=1e-2)
@@ -350,4 +384,4 @@ def test_weights_settle_where_the_map_shrinks_and_end_where_it_grows_or_takes_to
     assert settled(0.5, most=1.5) is None  # too large
     assert settled(1.1) is None  # grows for ever
     assert settled(0.9, steps=2) is None  # not within so many steps
-    assert propose_cycles._settled(lambda x: None, [np.ones(2)], most=1.0, steps=1) is None  # no way on
+    assert propose_cycles._settled(alone, lambda p, x: None, [np.ones(2)], most=1.0, steps=1) is None  # no way on

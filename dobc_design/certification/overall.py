@@ -21,6 +21,7 @@ from dobc_design.conditions.stated import ACCURACY, LIMIT, TOLERANCE, answer_of,
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.problem.agreement import agreement_words
 from dobc_design.problem.arrays import closed_groups, unreached
 from dobc_design.problem.integrators import slopes_of_nodes
 from dobc_design.problem.problem import Problem
@@ -159,7 +160,8 @@ def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> 
             else:
                 pins += f", in any mode, so nothing pulls {them}"
             if not problem.pinning.agents:
-                pins = f"no agent is pinned, so nothing pulls {who}"
+                text = f"The target is not reached: no agent is pinned, so nothing pulls {who} to it."
+                return " ".join(filter(None, (text, agreement_words(problem), cure_in_words(problem, arcs))))
             return f"Consensus fails: {pins} to the target. {cure_in_words(problem, arcs)}"
         direction = ", ".join(number_text(x) for x in c)
         own = "the gains" if problem.origin is None else "the gains and the dynamics"

@@ -57,6 +57,7 @@ def certify(
     from dobc_design.conditions.kinds import KINDS
     from dobc_design.exact.work import read_time_limit
     from dobc_design.problem.load import load_problem
+    from dobc_design.report.words import shown_notes
     from dobc_design.report.write import PAGE, render_report
 
     stages = output.Progress(quiet=quiet, verbose=verbose)
@@ -95,7 +96,7 @@ def certify(
     if as_json:
         document = _head(certificate) | {
             "checks": [each.to_json() for each in checks],
-            "notes": list(certificate.claims.notes),
+            "notes": list(shown_notes(certificate)),
             "certificate": str(path),
             "report": None if page is None else str(page),
         }
@@ -229,7 +230,7 @@ def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check
     from rich.text import Text
 
     from dobc_design._show.text import significant_towards_zero
-    from dobc_design.report.words import capitalize_first
+    from dobc_design.report.words import capitalize_first, shown_notes
 
     output.show([head])
     width = output.make_console().width
@@ -256,7 +257,7 @@ def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check
     if not regional or certificate.problem.region is not None:  # else nothing is to be cured
         unproved = certificate.verdict.value != "proved"
         output.show(_cures(checks, width=width, file=file, name=certificate.problem.name, unproved=unproved))
-    notes = certificate.claims.notes
+    notes = shown_notes(certificate)
     output.show(Text(f"{'' if place else chr(10)}Note: {note}") for place, note in enumerate(notes))
 
 

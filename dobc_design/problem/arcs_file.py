@@ -15,7 +15,7 @@ import numpy as np
 
 from dobc_design.errors import SpecError, about, wrong
 from dobc_design.exact.number import parse_number
-from dobc_design.exact.reading import named, shown, shown_number
+from dobc_design.exact.reading import named, shown
 from dobc_design.problem.arcs_graphs import MATRIX_MARKET, Graph, first_word, gml, graphml, matrix_market, pajek
 from dobc_design.problem.arcs_text import KNOWN, Row, Source, csv_rows, edge_list_rows
 from dobc_design.problem.network import (
@@ -182,10 +182,7 @@ def _weight(text: str, source: Source, *, row: int) -> Fraction:
         weight = parse_number(text, key="weight")
     except SpecError as error:
         raise source.error(error.message.rstrip("."), "Correct that weight.", row=row) from None
-    if weight <= 0:
-        raise source.error(
-            f"weight must be > 0, because it multiplies h; got {shown_number(weight)}",
-            "Leave the arc out, or put the sign into h.",
-            row=row,
-        )
+    if weight == 0:  # what a negative one may mean depends on all arcs: the network says it
+        what = "weight must be > 0, because it multiplies h; got 0"
+        raise source.error(what, "Leave the arc out.", row=row)
     return weight

@@ -46,8 +46,13 @@ def read_leader(value: Any, *, dynamics: Dynamics | None) -> Leader | None:
     if value is None:
         return None
     if dynamics is None:
-        cure = "Write [dynamics] with A or f: s' = A s, or f(s)."
-        raise wrong("leader", "needs [dynamics]: the leader moves as the agents do without inputs.", cure)
+        what = "needs [dynamics]: a leader moves as agents do without inputs, and those with x' = u then stand still."
+        cure = (
+            "For a target that moves at constant speed make the speed a state: in [dynamics] A = [[0, 1], [0, 0]] and "
+            'B = [[0], [1]], in [coupling] an h of both states such as h = "10*y1 + 10*y2", and in [leader] initial = '
+            "[[0, 0], [1, 1]], position and speed. For a target that stands still write target in place of [leader]."
+        )
+        raise wrong("leader", what, cure)
     given, kept = keyed(value, ("initial", "stays_in"), key="leader")
     initial = _read_box(given, "leader.initial", dynamics.dimension)
     if kept is None:

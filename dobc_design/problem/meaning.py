@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import suppress
 from itertools import chain
 from typing import Any
@@ -23,12 +23,14 @@ from dobc_design.exact.definite import decide_positive_definite
 from dobc_design.exact.matrix import identity, to_float
 from dobc_design.exact.number import nearest, to_fmpq_mat
 from dobc_design.exact.observability import observable_reduction
+from dobc_design.problem.agreement import agreement_words
 from dobc_design.problem.arrays import Array, consensus_jacobian, pinning_matrix, require_floats, unreached
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, group_numbers
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.network import Arcs
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.signs import opposition_advice, turned_text
 from dobc_design.verdict import Verdict
 
 LARGEST_ORDER = 40  # of an exosystem that is described part by part
@@ -219,7 +221,11 @@ def _about_network(problem: Problem) -> Iterator[str]:
         yield f"Agents without any arc: {listed([labels[i] for i in alone])}. Is an arc missing?"
     held = as_integrators(problem)  # agents with [dynamics] are held by A, too
     if not held.pinning.agents:
-        yield "No agent is pinned; the group can drift as a whole. Give an agent a gain in [pinning]."
+        among = agreement_words(problem) or "The group can drift as a whole."
+        yield (
+            f"No agent is pinned, so nothing pulls the agents to the target. {among} For the target give an agent a "
+            "gain in [pinning]; agreement without a target cannot be certified yet."
+        )
     elif missing := [labels[i] for i in unreached(held, [each.present for each in modes.values()]) if i not in alone]:
         turned = [Arcs(arcs.speakers, arcs.listeners, arcs.weights) for arcs in modes.values()]
         if not unreached(held, turned):
@@ -250,14 +256,32 @@ def _about_network(problem: Problem) -> Iterator[str]:
 
 
 def _about_couplings(problem: Problem) -> Iterator[str]:
-    for coupling in problem.couplings if problem.dynamics is None else ():  # else B decides what pulls where
+    if problem.dynamics is not None:  # B decides what pulls where
+        return
+    slopes = [[row[k] for k, row in enumerate(each.jacobian_at_zero())] for each in problem.couplings]
+    repelling = {place for place, own in enumerate(slopes) if any(slope.hi < 0 for slope in own)}
+    for place, coupling in enumerate(problem.couplings):
         h = f"h = {', '.join(coupling.texts)}"
-        slopes = [row[k] for k, row in enumerate(coupling.jacobian_at_zero())]
-        if any(slope.hi < 0 for slope in slopes):
-            least = significant(min(slope.lo for slope in slopes))
-            yield f"The coupling {h} repels near 0: h'(0) = {least} < 0 pushes neighbours apart. A sign?"
-        elif any(slope.lo == slope.hi == 0 for slope in slopes):
+        if place in repelling:
+            least = significant(min(slope.lo for slope in slopes[place]))
+            meant = "A sign?" if len(repelling) == len(slopes) else _opposed(problem, place, repelling)
+            yield f"The coupling {h} repels near 0: h'(0) = {least} < 0 pushes neighbours apart. {meant}"
+        elif any(slope.lo == slope.hi == 0 for slope in slopes[place]):
             yield f"The coupling {h} vanishes to first order (h'(0) = 0): close neighbours hardly attract each other."
+
+
+def _opposed(problem: Problem, place: int, repelling: Set[int]) -> str:
+    """What a coupling with a minus sign on some of the arcs may be meant for: agents that oppose each other."""
+    labels, modes = problem.network.labels, problem.network.modes
+    arcs = sorted({(listener, speaker) for each in modes.values() for listener, speaker, _ in each})
+    signed = [(i, j, problem.coupling_place(i, j) in repelling) for i, j in arcs]
+    listener, speaker = next((labels[i], labels[j]) for i, j in arcs if problem.coupling_place(i, j) == place)
+    texts = [f'"{turned_text(text)}"' for text in problem.couplings[place].texts]
+    turned = texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"
+    return (
+        f"Is that meant? A signed graph, in which {listener} follows -x of {speaker}, is another network and not "
+        f"supported yet. {opposition_advice(labels, signed, cure=f'write h = {turned} on these arcs')}"
+    )
 
 
 def _over_region(problem: Problem, coupling: Coupling) -> Iterator[str]:

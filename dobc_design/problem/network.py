@@ -22,6 +22,7 @@ from dobc_design._show.cards import MOST_ROWS, Card, Shown, cut, listed
 from dobc_design.errors import SpecError, about, kept, raise_all, wrong
 from dobc_design.exact.number import number_key, parse_number
 from dobc_design.exact.reading import MOST_ERRORS, NumberText, counted, is_list, named, shown, shown_number
+from dobc_design.problem.signs import opposition_advice
 
 MOST_AGENTS = 10_000_000
 LONGEST_LABEL = 200
@@ -224,13 +225,13 @@ def check_arrow(arrow: object) -> None:
         raise SpecError(what, key="network.arrow", cure='"listens_to": a hears b. "sends_to": a is heard by b.')
 
 
-def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
-    """Refuse arcs that leave the graph, self-arcs, duplicates and weights <= 0, with the first offender."""
-    n, count = len(labels), len(arcs) - arcs.optional
+def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> int | None:
+    """Refuse arcs that leave the graph, self-arcs, duplicates and weights of 0, with the first offender.  Returns: the
+    place of a negative weight, about which the other modes have something to say, or None."""
+    n = len(labels)
 
     def at(place: int) -> str:
-        part = f".optional[{place - count}]" if place >= count else f"{'.arcs' if arcs.optional else ''}[{place}]"
-        return f"network.modes.{named(mode)}{part}"
+        return f"network.modes.{named(mode)}{place_of(arcs, place)}"
 
     if type(arcs.optional) is not int or not 0 <= arcs.optional <= len(arcs):
         raise wrong(at(0), f"has {len(arcs)} arcs; optional cannot be {arcs.optional}.", "Give how many come and go.")
@@ -250,11 +251,33 @@ def check_arcs(arcs: Arcs, labels: Sequence[str], *, mode: str) -> None:
         position = int(order[again + 1].min())
         what = f"{_sentence(arcs, position, labels)} already; this arc is a duplicate."
         raise about(at(position), what, _ADD_UP)
-    if any(w is not ONE and w <= 0 for w in arcs.weights):
-        position = next(i for i, w in enumerate(arcs.weights) if w <= 0)
-        found = f"{_sentence(arcs, position, labels)} with {shown_number(arcs.weights[position])}"
-        what = f"a weight must be > 0, because it multiplies h; {found}."
-        raise about(at(position), what, "Leave the arc out, or put the sign into h.")
+    wrong_sign = next((i for i, w in enumerate(arcs.weights) if w is not ONE and w <= 0), None)
+    if wrong_sign is not None and not arcs.weights[wrong_sign]:
+        what = f"a weight must be > 0, because it multiplies h; {_sentence(arcs, wrong_sign, labels)} with 0."
+        raise about(at(wrong_sign), what, "Leave the arc out.")
+    return wrong_sign
+
+
+def negative_weight(modes: Mapping[str, Arcs], labels: Sequence[str], *, mode: str, place: int) -> SpecError:
+    """Says what a negative weight may mean, and how that is written; the signs of all modes count."""
+    signed = ((listener, speaker, weight < 0) for each in modes.values() for listener, speaker, weight in each)
+    arcs = modes[mode]
+    listener, speaker = (named(labels[int(ends[place])]) for ends in (arcs.listeners, arcs.speakers))
+    found = f"{listener} listens to {speaker} with {shown_number(arcs.weights[place])}"
+    what = f"a weight must be > 0, because it multiplies h(x_j - x_i); {found}."
+    cure = (
+        f"A signed graph, in which {listener} follows -x of {speaker}, is not supported yet. "
+        f"{opposition_advice(labels, signed, cure='leave the minus signs of the weights out')} "
+        f"If {listener} is to move away from {speaker} instead, give the arc a positive weight and, in "
+        "[[coupling.exceptions]], an h with the other sign."
+    )
+    return about(f"network.modes.{named(mode)}{place_of(arcs, place)}", what, cure)
+
+
+def place_of(arcs: Arcs, place: int) -> str:
+    """The key of an arc within its mode: [2], .arcs[2], .optional[0]."""
+    count = len(arcs) - arcs.optional
+    return f".optional[{place - count}]" if place >= count else f"{'.arcs' if arcs.optional else ''}[{place}]"
 
 
 def _sentence(arcs: Arcs, position: int, labels: Sequence[str]) -> str:
@@ -312,7 +335,9 @@ class Network(Shown):
             if not is_label(name):
                 what = f"the name of a mode must be {WANTED}; got {shown(name)}."
                 raise about("network.modes", what, "Name it, for example Ga.")
-            check_arcs(arcs, self.labels, mode=name)
+            negative = check_arcs(arcs, self.labels, mode=name)
+            if negative is not None:
+                raise negative_weight(self.modes, self.labels, mode=name, place=negative)
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Network):

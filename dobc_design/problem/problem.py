@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from dobc_design._checks import put
 from dobc_design._show.cards import MOST_ITEMS, Card, Shown, listed, plain
+from dobc_design._show.text import significant
 from dobc_design.coupling.coupling import Coupling, make_coupling
 from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
 from dobc_design.exact import reading
@@ -38,6 +39,7 @@ from dobc_design.verdict import Verdict
 T = TypeVar("T")
 Arc = tuple[int, int]
 LARGEST_DIMENSION = 100  # every gain is an m x m matrix
+SHOWN_MODES = 6  # with pins of their own, in a message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -103,8 +105,9 @@ class _Gains:
             raise about(key, f"{what} this one does not.", "Make its symmetric part positive semidefinite.")
 
 
-def read_pinning(gains: Any, *, labels: Sequence[str], form: _Gains) -> Pinning:
+def read_pinning(gains: Any, *, network: Network, form: _Gains) -> Pinning:
     """Read label -> gain, or one number for all agents.  Raises: SpecError with every wrong gain by its key."""
+    labels = network.labels
     if gains is None or isinstance(gains, Pinning):
         for gain in {id(k): k for k in gains.gains.values()}.values() if gains else ():  # agents often share one
             form.check(gain, key="pinning.gains")
@@ -115,6 +118,9 @@ def read_pinning(gains: Any, *, labels: Sequence[str], form: _Gains) -> Pinning:
     if not isinstance(gains, Mapping):
         gain = _read_gain(gains, key="pinning.gains", form=form)
         return Pinning(gains=dict.fromkeys(range(len(labels)), gain))
+    modes = [mode for mode in map(str, gains) if mode in network.modes and mode not in labels]
+    if modes:
+        raise _pins_of_modes(gains, modes, network, form)
     known: dict[str, Matrix] = {}
 
     def read(value: Any, key: str) -> Matrix:
@@ -127,6 +133,27 @@ def read_pinning(gains: Any, *, labels: Sequence[str], form: _Gains) -> Pinning:
         return known[token]
 
     return Pinning(gains=_by_label(gains, read, labels=labels, key="pinning.gains"))
+
+
+def _pins_of_modes(gains: Mapping[Any, Any], modes: Sequence[str], network: Network, form: _Gains) -> SpecError:
+    """Says how pins of single modes are written today: as arcs to an agent that stands for the target."""
+    goal = next(name for name in ("target", "goal", f"target-{network.size}") if name not in network.labels)
+    arcs = []
+    for mode in modes[:SHOWN_MODES]:
+        pins = gains[mode] if isinstance(gains[mode], Mapping) else {}
+        each = []
+        for label, k in islice(pins.items(), SHOWN_MODES):
+            weight = shown(k).strip("'")
+            each.append(f"agent {named(str(label))} with weight {weight}")
+        arcs.append(f"in {named(mode)} {', '.join(each) or 'its pinned agents'}")
+    p, m = form.shape
+    linear = '; give these arcs h = "y" in [[coupling.exceptions]]' if p == m else ""
+    what = f"{named(modes[0])} is a mode; gains are given by agent, and pins of single modes are not supported yet."
+    cure = (
+        f"Today an agent can stand for the target: add {goal} to network.agents, pin it alone "
+        f"(gains = {{ {goal} = 1 }}), and let agents listen to it: {'; '.join(arcs)}{linear}."
+    )
+    return about(f"pinning.gains.{named(modes[0])}", what, cure)
 
 
 def _by_label(value: Any, read: Callable[[Any, str], T], *, labels: Sequence[str], key: str) -> dict[int, T]:
@@ -268,7 +295,7 @@ class Problem(Shown):
         keep("coupling", lambda: _read_coupling(coupling, dimension=m, outputs=p, key="coupling.h"))
         keep("exceptions", lambda: _read_exceptions(exceptions, network=network, dimension=m, outputs=p))
         form = _Gains.of(m, own, getattr(self, "coupling", None))
-        keep("pinning", lambda: read_pinning(gains, labels=network.labels, form=form))
+        keep("pinning", lambda: read_pinning(gains, network=network, form=form))
         keep("offsets", lambda: _read_offsets(offsets, labels=network.labels, dimension=m))
         keep("region", lambda: settings.read_region(region, dimension=m, with_exosystem=first is not None))
         keep("switching", lambda: settings.check_switching(switching, tuple(network.modes)))
@@ -290,7 +317,7 @@ class Problem(Shown):
         if self.dynamics is None:
             return
         if self.actuators is not None:
-            raise wrong("actuators", "is not known for agents with [dynamics].", "Remove [actuators].")
+            raise _limits_of_dynamics(self.actuators)
         for key in ("weights", "gains", "measurement"):
             if getattr(self.uncertainty, key, 0):
                 raise wrong(f"uncertainty.{key}", "is not known for agents with [dynamics].", "Remove it, or give 0.")
@@ -508,6 +535,17 @@ class Problem(Shown):
         """u0 (p,), the constant input that holds a goal; beside a leader, which no input holds, its offset."""
         own = None if self.dynamics is None or (self.leader and self.dynamics.f) else self.dynamics
         return (own and own.feedforward(goal)) or (Fraction(0),) * self.inputs
+
+
+def _limits_of_dynamics(actuators: Actuators) -> SpecError:
+    """Says that no proof counts the limits of agents with [dynamics] yet, and what simulations say of them."""
+    limits = actuators.limit.values() if isinstance(actuators.limit, Mapping) else [actuators.limit]
+    least = min((limit for limit in limits if limit is not None), default=None)
+    cure = "Remove [actuators]"
+    if least is not None:
+        run = f"dobc stress FILE --saturation {significant(least)}"
+        cure += f", certify without it, and see what the limit does in runs: {run}"
+    return wrong("actuators", "is not known for agents with [dynamics]: no proof counts their limits yet.", f"{cure}.")
 
 
 def dimension_of(exosystem: Exosystem | None, target: Any, coupling: Any, dynamics: Dynamics | None = None) -> int:

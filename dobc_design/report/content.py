@@ -101,7 +101,7 @@ def report_document(
 def _loop(certificate: Certificate) -> doc.Section:
     """The network as a drawing, beside it what the engineer has designed, in decimals; what looks like a slip."""
     drawn, legend = pictures.network_pictures(certificate)
-    notes = certificate.claims.notes[:MOST_NOTES]
+    notes = words.shown_notes(certificate)[:MOST_NOTES]
     shown: tuple[doc.Block, ...] = (doc.Pictures(drawn, small=True), doc.Text(legend, "caption"))
     facts: tuple[doc.Block, ...] = (doc.Facts(words.loop_facts(certificate)),)
     facts += tuple(doc.Text(words.sentence(each), "warning") for each in caution_lines(certificate.problem))

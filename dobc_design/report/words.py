@@ -27,6 +27,11 @@ from dobc_design.problem.words import leader_words, switching_words
 from dobc_design.report import document as doc
 from dobc_design.verdict import Verdict
 
+NO_DELAY = (
+    "No delay is certified: for agents with [dynamics] only some max-separable proofs state one. `dobc stress FILE` "
+    "looks for the longest sampling period at which runs converge (all readings, also of oneself, are then up to a "
+    "period old); `dobc stress FILE --period 0.03` makes one run."
+)
 MOST_LISTED = 40  # agents listed one by one
 MOST_MODES = 6
 MOST_NAMES = 12
@@ -234,6 +239,15 @@ def _about_the_model(problem: Problem, messages: str) -> str:
     agents = "single integrators" if problem.dynamics is None else "agents with the dynamics given, the same for all"
     text = f"It is about the model as given: {agents}, {disturbances}{messages}. Whether the model fits the"
     return text + " plant is not decided here."
+
+
+def shown_notes(certificate: Certificate) -> tuple[str, ...]:
+    """What is assumed, and what the proof leaves open that people look for."""
+    notes = certificate.claims.notes
+    proved = certificate.verdict is Verdict.PROVED
+    if not proved or certificate.problem.dynamics is None or any(each.id == "delay" for each in certificate.checks):
+        return notes
+    return (*notes, NO_DELAY)
 
 
 def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:

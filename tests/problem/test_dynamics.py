@@ -86,7 +86,7 @@ def test_what_cannot_be_dynamics_is_named(given, message, kind):
         ({"target": [3, 1]}, "target", ("The nearest one is [3, 0].",)),
         ({"offsets": {2: [0, 1]}}, "formation.offsets.2", ("The nearest one is [0, 0].",)),
         ({"uncertainty": {"weights": "1/10"}}, "uncertainty.weights", ("Remove it, or give 0.",)),
-        ({"actuators": {"limit": 3}}, "actuators", ("Remove [actuators].",)),
+        ({"actuators": {"limit": 3}}, "actuators", ("Remove [actuators], certify", "dobc stress FILE --saturation 3")),
         ({"coupling": ["y1", "y2"]}, "coupling.h", ("1 expression", "one per input")),
         ({"coupling": "y"}, "coupling.h[0]", ('did you mean "y1"',)),
         (

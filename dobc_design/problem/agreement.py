@@ -1,0 +1,59 @@
+"""Networks without pins: whether the agents agree with each other, though nothing pulls them to a target.  In words.
+
+Agents whose couplings attract agree near the consensus iff in every mode somebody is heard by all others, directly or
+through others (a root of the graph), and the estimation errors decay.
+"""
+
+from __future__ import annotations
+
+from dobc_design._show.cards import listed
+from dobc_design.exact.matrix import multiply, subtract
+from dobc_design.exact.observability import decide_detectable
+from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.problem.arrays import closed_groups
+from dobc_design.problem.groups import Group
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+
+def agreement_words(problem: Problem) -> str:
+    """What agents of which none is pinned do among themselves, in a sentence; "" where it is not known here."""
+    if problem.pinning.agents or problem.dynamics is not None or problem.origin is not None:
+        return ""
+    labels, modes = problem.network.labels, problem.network.modes
+    roots = []
+    for name, arcs in modes.items():
+        groups = closed_groups(problem, [arcs.present])
+        if len(groups) > 1:
+            first, second = (listed([labels[i] for i in group]) for group in groups[:2])
+            where = f" in mode {name}" if len(modes) > 1 else ""
+            return f"Nor do they agree with each other{where}: neither {first} nor {second} hear anybody else."
+        roots.append(set(groups[0]))
+    if not _attract(problem) or not all(map(_estimates_decay, problem.groups)):
+        return ""
+    common = set.intersection(*roots)
+    heard = "every mode has an agent that is heard by all others"
+    if common:
+        heard = f"agent {labels[min(common)]} is heard by all others"
+    start = "" if problem.is_linear else ", from close enough starts"
+    return (
+        f"The agents do agree with each other{start}, because {heard}, directly or through others; but on a value that "
+        "nobody prescribes."
+    )
+
+
+def _attract(problem: Problem) -> bool:
+    """Whether every coupling acts by component and rises at 0."""
+    slopes = [[row[k] for k, row in enumerate(each.jacobian_at_zero())] for each in problem.couplings]
+    by_component = all(each.by_component for each in problem.couplings)
+    return by_component and all(slope.lo > 0 for own in slopes for slope in own)
+
+
+def _estimates_decay(group: Group) -> bool:
+    """Whether A - W C is Hurwitz for the W that is given, or can be made so."""
+    A, C, W = group.exosystem.A, group.exosystem.C, group.observer.W
+    if W is None:
+        return decide_detectable(A, C).verdict is Verdict.PROVED
+    if len(W[0]) != len(C):
+        return False
+    return decide_hurwitz(subtract(A, multiply(W, C))).verdict is Verdict.PROVED

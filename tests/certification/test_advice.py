@@ -1,0 +1,313 @@
+"""What people write who mean something else: the message names it, and the cure works as the message writes it."""
+
+import numpy as np
+import pytest
+
+from dobc_design import certify
+from dobc_design.coupling.coupling import make_coupling
+from dobc_design.errors import SpecError
+from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
+from dobc_design.problem.load import read_problem_text
+from dobc_design.problem.meaning import remarks
+from dobc_design.problem.problem import Problem
+from dobc_design.problem.signs import turned_text, two_sides
+from dobc_design.verdict import Verdict
+
+
+def read(text: str) -> Problem:
+    return read_problem_text(text.encode(), folder=None)
+
+
+def message_of(text: str) -> str:
+    with pytest.raises(SpecError) as caught:
+        read(text)
+    return str(caught.value)
+
+
+def closed_loop(problem: Problem) -> np.ndarray:
+    (mode,) = problem.network.modes
+    return (consensus_jacobian(problem, mode) - pinning_matrix(problem)).toarray()
+
+
+SIGNED = """\
+name = "signed"
+target = 1
+[network]
+agents = 4
+arrow = "listens_to"
+[network.modes]
+g = [[1,2,1],[2,1,1],[2,3,-2],[3,2,-2],[3,4,1],[4,3,1],[4,1,-1],[1,4,-1]]
+[coupling]
+h = "y"
+[pinning]
+gains = { 1 = 1 }
+"""
+OPPOSED = (
+    SIGNED.replace("-2", "2")
+    .replace("-1", "1")
+    .replace(
+        "[pinning]",
+        '[[coupling.exceptions]]\narcs = [[2, 3], [3, 2], [4, 1], [1, 4]]\nh = "-y"\n[pinning]',
+    )
+)
+
+
+def signed_loop() -> np.ndarray:
+    """x_i' = sum |w| (sign x_j - x_i) - k_i x_i, written down by hand."""
+    weights = np.zeros((4, 4))
+    for i, j, w in ((1, 2, 1), (2, 1, 1), (2, 3, -2), (3, 2, -2), (3, 4, 1), (4, 3, 1), (4, 1, -1), (1, 4, -1)):
+        weights[i - 1, j - 1] = w
+    return weights - np.diag(np.abs(weights).sum(axis=1)) - np.diag([1, 0, 0, 0])
+
+
+def test_a_negative_weight_names_the_sides_of_a_signed_graph_and_the_cure_has_its_eigenvalues():
+    """Agents 1 and 2 end at 1, agents 3 and 4 at -1; the signed loop decays at 0.188 1/s."""
+    message = message_of(SIGNED)
+    assert "2 listens to 3 with -2" in message
+    assert "agents 1, 2 oppose agents 3, 4" in message
+    assert "leave the minus signs of the weights out" in message
+    cured = read(SIGNED.replace("-2", "2").replace("-1", "1"))
+    true = np.sort(np.linalg.eigvals(signed_loop()).real)
+    assert np.allclose(np.sort(np.linalg.eigvals(closed_loop(cured)).real), true)
+    assert -true[-1] == pytest.approx(0.188, abs=1e-3)
+    assert np.allclose(signed_loop() @ [1, 1, -1, -1] + [1, 0, 0, 0], 0)
+    assert certify(cured).verdict is Verdict.PROVED
+
+
+def test_a_sign_in_h_on_some_arcs_is_told_from_a_signed_graph():
+    (remark,) = remarks(read(OPPOSED))
+    assert "pushes neighbours apart" in remark
+    assert "agents 1, 2 oppose agents 3, 4" in remark
+    assert 'write h = "y" on these arcs' in remark
+    assert certify(read(OPPOSED)).verdict is Verdict.REFUTED
+    assert certify(read(OPPOSED.replace('h = "-y"', 'h = "y"'))).verdict is Verdict.PROVED
+
+
+def test_the_other_meaning_of_a_negative_weight_works_as_it_is_written():
+    """Agent 3 moves away from agent 2, weakly enough to be held."""
+    text = SIGNED.replace("-1", "1").replace("[2,3,-2],[3,2,-2]", "[2,3,-0.1],[3,2,2]")
+    assert "give the arc a positive weight and, in [[coupling.exceptions]], an h with the other sign" in message_of(
+        text
+    )
+    repelled = text.replace("-0.1", "0.1").replace(
+        "[pinning]", '[[coupling.exceptions]]\narcs = [[2, 3]]\nh = "-y"\n[pinning]'
+    )
+    assert certify(read(repelled)).verdict is Verdict.PROVED
+
+
+UNBALANCED = """\
+name = "unbalanced"
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+g = [[1,3,-1],[2,1],[3,2]]
+[coupling]
+h = "y"
+"""
+TWICE = """\
+name = "unbalanced-twice"
+[network]
+agents = ["1", "2", "3", "1'", "2'", "3'"]
+arrow = "listens_to"
+[network.modes]
+g = [["1","3'"],["1'","3"],["2","1"],["2'","1'"],["3","2"],["3'","2'"]]
+[coupling]
+h = "y"
+[pinning]
+gains = { "1" = 1, "1'" = 1 }
+"""
+
+
+def test_signs_that_do_not_balance_are_written_with_every_agent_twice():
+    """One negative arc in a cycle; with a pin of 1 on agent 1 the cover proves it for both signs of every state."""
+    message = message_of(UNBALANCED)
+    assert "do not balance" in message
+    assert "let a listen to the copy of b, and the copy of a to b" in message
+    signed = np.array([[-2, 0, -1], [1, -1, 0], [0, 1, -1]])
+    cover = closed_loop(read(TWICE))
+    mirrored = np.vstack([np.eye(3), -np.eye(3)])
+    assert np.allclose(cover @ mirrored, mirrored @ signed)
+    assert certify(read(TWICE)).verdict is Verdict.PROVED
+
+
+def test_sides_fit_every_sign_or_there_are_none():
+    rng = np.random.default_rng(7)
+    balanced = 0
+    for _ in range(200):
+        n = int(rng.integers(2, 6))
+        pairs = [(i, j) for i in range(n) for j in range(n) if i != j and rng.random() < 0.4]
+        arcs = [(i, j, bool(rng.random() < 0.4)) for i, j in pairs]
+        fits = any(
+            all(((side >> i & 1) != (side >> j & 1)) == opposed for i, j, opposed in arcs) for side in range(2**n)
+        )
+        found = two_sides(n, arcs)
+        assert (found is not None) == fits
+        if found is not None:
+            balanced += 1
+            assert all(((i in found[0]) != (j in found[0])) == opposed for i, j, opposed in arcs)
+    assert 20 < balanced < 180
+
+
+@pytest.mark.parametrize(
+    ("text", "turned"),
+    [
+        ("-y", "y"),
+        ("-2*tanh(y)", "2*tanh(y)"),
+        ("-y - y**3", "-(-y - y**3)"),
+        ("-1e-3*y", "1e-3*y"),
+        ("(-y)", "-((-y))"),
+        ("-(y + y**3)", "(y + y**3)"),
+    ],
+)
+def test_an_expression_is_turned_round(text: str, turned: str):
+    assert turned_text(text) == turned
+    y = np.array([[0.7]])
+    value, opposite = (make_coupling(each, dimension=1, outputs=1, key="h").value(y) for each in (text, turned))
+    assert opposite == pytest.approx(-value)
+
+
+LEADERLESS = """\
+name = "leaderless"
+[network]
+agents = 5
+arrow = "listens_to"
+[network.modes]
+ring = [[1,2],[2,3],[3,4],[4,5],[5,1],[2,1,0.5]]
+[coupling]
+h = "4*y"
+[exosystem]
+constant = true
+"""
+
+
+def test_agents_without_pins_agree_and_what_is_not_reached_is_the_target():
+    certificate = certify(read(LEADERLESS))
+    assert certificate.verdict is Verdict.REFUTED
+    assert certificate.reason.startswith("The target is not reached: no agent is pinned")
+    agreement = "The agents do agree with each other, because agent 1 is heard by all others"
+    assert agreement in certificate.reason
+    assert "Pin agent 1" in certificate.reason
+    (remark,) = remarks(read(LEADERLESS))
+    assert agreement in remark
+    assert "agreement without a target cannot be certified yet" in remark
+    eigenvalues = np.sort(np.linalg.eigvals(closed_loop(read(LEADERLESS))).real)
+    assert eigenvalues[-1] == pytest.approx(0, abs=1e-9)
+    assert eigenvalues[-2] < -0.1
+    pinned = LEADERLESS + "[pinning]\ngains = { 1 = 1 }\n"
+    assert certify(read(pinned)).verdict is Verdict.PROVED
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("[5,1],", ""), "agent 5 is heard by all others"),
+        (("[2,3],[3,4],[4,5],[5,1],", "[3,4],[4,5],[5,3],"), "Nor do they agree with each other: neither"),
+        (('"4*y"', '"4*y + y**3"'), "agree with each other, from close enough starts, because"),
+        (('"4*y"', '"y**3"'), ""),
+        (("constant = true", "constant = true\n[observer]\nW = [[-1]]"), ""),
+    ],
+)
+def test_agreement_is_said_only_where_it_holds(change: tuple[str, str], words: str):
+    """A chain, two groups, a nonlinear coupling, one that hardly attracts, an observer whose error grows."""
+    text = LEADERLESS.replace(*change)
+    assert text != LEADERLESS
+    found = [remark for remark in remarks(read(text)) if "No agent is pinned" in remark]
+    assert len(found) == 1
+    assert (words or "The group can drift as a whole.") in found[0]
+    assert ("agree with each other" in found[0]) == bool(words)
+
+
+SWITCHING_PINS = """\
+name = "switch-pins"
+[network]
+agents = 4
+arrow = "listens_to"
+[network.modes]
+G1 = [[2,1],[3,1],[4,1]]
+G2 = [[1,2],[3,1],[4,1]]
+G3 = [[3,1],[4,1]]
+[dynamics]
+A = [[-4, 1], [0, -1]]
+B = [[1], [0]]
+[coupling]
+h = "y1 + y2"
+[pinning.gains]
+G1 = { 1 = 1 }
+G2 = { 2 = 1 }
+G3 = { 2 = 1 }
+"""
+
+
+def test_pins_of_modes_are_arcs_to_an_agent_that_stands_for_the_target():
+    message = message_of(SWITCHING_PINS)
+    assert "pinning.gains.G1: G1 is a mode" in message
+    assert "add target to network.agents, pin it alone (gains = { target = 1 })" in message
+    assert "in G1 agent 1 with weight 1; in G2 agent 2 with weight 1; in G3 agent 2 with weight 1." in message
+    head, _, _ = SWITCHING_PINS.partition("[pinning.gains]")
+    cured = head.replace("agents = 4", 'agents = ["1", "2", "3", "4", "target"]')
+    for mode, agent in (("G1", 1), ("G2", 2), ("G3", 2)):
+        cured = cured.replace(f"{mode} = [", f'{mode} = [[{agent}, "target", 1], ')
+    assert certify(read(f"{cured}[pinning]\ngains = {{ target = 1 }}\n")).verdict is Verdict.PROVED
+
+
+def test_pins_of_modes_of_integrators_keep_their_gains_by_a_linear_exception():
+    """The loop of each mode is that of its pins: x_1' = ... - 3 x_1 while the stand-in is at 0."""
+    given = """\
+name = "switch-pins"
+[network]
+agents = 2
+arrow = "listens_to"
+[network.modes]
+a = [[2, 1]]
+b = [[1, 2]]
+[coupling]
+h = "2*tanh(y)"
+[pinning.gains]
+a = { 1 = 3 }
+b = { 2 = "1/2" }
+"""
+    message = message_of(given)
+    assert 'in a agent 1 with weight 3; in b agent 2 with weight 1/2; give these arcs h = "y" in' in message
+    cured = read(
+        given.partition("[pinning.gains]")[0]
+        .replace("agents = 2", 'agents = ["1", "2", "target"]')
+        .replace("a = [", 'a = [[1, "target", 3], ')
+        .replace("b = [", 'b = [[2, "target", "1/2"], ')
+        + '[[coupling.exceptions]]\narcs = [[1, "target"], [2, "target"]]\nh = "y"\n'
+        + "[pinning]\ngains = { target = 1 }\n"
+    )
+    loops = [(consensus_jacobian(cured, mode) - pinning_matrix(cured)).toarray()[:2, :2] for mode in ("a", "b")]
+    assert np.allclose(loops, [[[-3, 0], [2, -2]], [[-2, 2], [0, -0.5]]])
+    assert certify(cured).verdict is Verdict.PROVED
+
+
+MOVING = """\
+name = "platoon5-moving"
+[network]
+agents = 5
+arrow = "listens_to"
+[network.modes]
+all = [[1,2],[2,3],[3,4],[4,5]]
+[coupling]
+h = "10*y"
+[pinning]
+gains = { 5 = 1 }
+[leader]
+initial = [[0, 0], [0, 0]]
+"""
+
+
+def test_a_target_at_constant_speed_has_its_speed_as_a_state():
+    message = message_of(MOVING)
+    assert message.startswith("leader needs [dynamics]")
+    written = ("A = [[0, 1], [0, 0]]", "B = [[0], [1]]", 'h = "10*y1 + 10*y2"', "initial = [[0, 0], [1, 1]]")
+    assert all(each in message for each in written)
+    A, B, h, initial = written
+    cured = MOVING.replace('h = "10*y"', h).replace("initial = [[0, 0], [0, 0]]", initial)
+    certificate = certify(read(f"{cured}[dynamics]\n{A}\n{B}\n"))
+    assert certificate.verdict is Verdict.PROVED
+    assert "follow the leader" in certificate.reason
+    still = MOVING.partition("[leader]")[0]
+    assert "write target in place of [leader]" in message
+    assert certify(read(f"target = 3\n{still}")).verdict is Verdict.PROVED

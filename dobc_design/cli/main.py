@@ -261,14 +261,14 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     except SystemExit as error:  # help, too, goes to standard output
         if error.code in (0, None) or COMPLETING in os.environ:  # typer's way to end after completion
             return error.code if isinstance(error.code, int) else 0
-        raise output.NoOutput("nobody reads it") from error
+        raise output.NobodyReads from error
     except output.NoOutput:
         raise
     except MemoryError:
         return failed("memory", "The machine ran out of memory.", "Try a smaller problem.", output.MACHINE)
     except OSError as error:
         if error.filename is None and error.errno in _NO_ROOM:  # typer's own output; our files are named
-            raise output.NoOutput(error.strerror) from error
+            raise (output.NobodyReads if error.errno == errno.EPIPE else output.NoOutput)(error.strerror) from error
         place = None if error.filename is None else str(error.filename)
         message = f"{error.strerror or error}{'' if place is None else f' ({place})'}."
         code = output.MISTAKE if error.errno == errno.ENAMETOOLONG else output.MACHINE
@@ -314,11 +314,13 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     except (output.NoOutput, OSError) as error:  # nobody reads standard output, or there is no room for it
         with suppress(OSError, ValueError, AttributeError):  # Python is not to complain at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        output.complain(
-            f"error: standard output cannot be written: {getattr(error, 'strerror', None) or error}.\n"
-            "       Send it to a file on a disk with free space, or to /dev/null. This exit code is not a verdict."
-        )
-        code = output.MACHINE
+        code = output.NOT_READ
+        if not isinstance(error, (output.NobodyReads, BrokenPipeError)):
+            output.complain(
+                f"error: standard output cannot be written: {getattr(error, 'strerror', None) or error}.\n"
+                "       Send it to a file on a disk with free space, or to /dev/null. This exit code is not a verdict."
+            )
+            code = output.MACHINE
     sys.exit(code)
 
 

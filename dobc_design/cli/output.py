@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 EXIT = {"proved": 0, "refuted": 1, "undecided": 3}
 MISTAKE, MACHINE, INTERRUPTED = 2, 4, 130
+NOT_READ = 141  # 128 + SIGPIPE, as of other programs
 COLOURS = {"proved": "bold green", "refuted": "bold red", "undecided": "bold yellow"}
 PIPED = 160  # columns of output that no terminal limits
 LONGEST_FOLDER = 60  # characters of a problem's name that go into its folder's; file systems take 255 bytes
@@ -79,6 +80,10 @@ class NoOutput(Exception):
     """Standard output cannot be written; the text says why."""
 
 
+class NobodyReads(NoOutput):
+    """Whoever read standard output has stopped, as in ``dobc problems | head -1``: no mistake, and nothing to be said."""
+
+
 @contextmanager
 def answering() -> Iterator[None]:
     """Wrap what writes to standard output."""
@@ -86,10 +91,12 @@ def answering() -> Iterator[None]:
     try:
         yield
         sys.stdout.flush()
+    except BrokenPipeError as error:
+        raise NobodyReads from error
     except OSError as error:
         raise NoOutput(error.strerror or str(error)) from error
-    except SystemExit as error:  # rich's way of saying that nobody reads it
-        raise NoOutput("nobody reads it") from error
+    except SystemExit as error:  # rich's way of saying so
+        raise NobodyReads from error
 
 
 def say(text: str) -> None:

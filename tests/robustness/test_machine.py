@@ -213,8 +213,11 @@ def test_an_answer_that_cannot_be_written_is_the_machines_failure(tmp_path, made
         os.close(reading)
         ran = dobc(*arguments, cwd=tmp_path, stdout=writing)
         os.close(writing)
-    assert ran.returncode == 4
-    assert "error: standard output cannot be written" in ran.stderr
+    if kind == "nobody reads":  # as of other programs: 128 + SIGPIPE, and not a word
+        assert (ran.returncode, ran.stderr) == (141, "")
+    else:
+        assert ran.returncode == 4
+        assert "error: standard output cannot be written" in ran.stderr
     for path in tmp_path.glob("*/certificate.json"):
         assert dd.verify(path.read_bytes(), "clock-sync").holds
 
@@ -223,8 +226,7 @@ def test_a_reader_that_takes_one_line_sees_no_traceback(tmp_path):
     ran = subprocess.run(
         ["sh", "-c", '"$@" | head -1', "sh", *DOBC, "schema"], cwd=tmp_path, text=True, capture_output=True, check=False
     )
-    assert ran.stdout == "{\n"
-    assert "Traceback" not in ran.stderr
+    assert (ran.stdout, ran.stderr) == ("{\n", "")
 
 
 @pytest.mark.parametrize("redirection", ["2>&-", "2>/dev/full", "<&- 2>&-"])

@@ -81,7 +81,7 @@ class NoOutput(Exception):
 
 
 class NobodyReads(NoOutput):
-    """Whoever read standard output has stopped, as in ``dobc problems | head -1``: no mistake, and nothing to be said."""
+    """Whoever read standard output has stopped, as in ``dobc problems | head -1``; there is nothing to be said."""
 
 
 @contextmanager

@@ -409,6 +409,9 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
         yield "No exosystem was given: there is no disturbance and no observer."
     if problem.is_grouped:
         yield "Agents differ in their exosystem: W, P and Q hold one block for each group, in this order."
+    if problem.undisturbed:
+        who, has = name_some(problem.undisturbed), "has" if len(problem.undisturbed) == 1 else "have"
+        yield f"{who[0].upper()}{who[1:]} {has} no disturbance and no observer."
     for group, design in zip(problem.groups, designs, strict=True):
         who = f"Group of agent {group.name} ({name_some(group.agents)}): " if problem.is_grouped else ""
         if design is None:

@@ -187,15 +187,18 @@ def decreases(case: Certificate, mode: str, shift: Fraction, S: Matrix | None) -
     """Lambda + the blocks of S of the agents + shift I < 0 in that mode; if a vector stands beside Lemma 1, it has to
     show this, with room for every block."""
     p, m = case.problem, case.problem.m
-    blocks = [p.block(S, group.agents[0]) for group in p.groups] if S else [identity(m, 0)]
+    blocks: dict[int | None, Matrix] = {}
+    for i in range(p.n):
+        if p.place.get(i) not in blocks:
+            blocks[p.place.get(i)] = p.block(S, i) if S else identity(m, 0)
     left = case.rooms[mode] if mode in case.rooms else case.rooms.setdefault(mode, room(case, mode))
     if left is not None:
-        return all(definite(plus(identity(m, left - shift), -1, each)) for each in blocks)
+        return all(definite(plus(identity(m, left - shift), -1, each)) for each in blocks.values())
 
     rows = [{j: -x for j, x in row.items()} for row in p.bounds[mode]]
     for i, row in enumerate(rows):
         row[i] -= shift
-        for d, x in enumerate(blocks[p.place[i // m]][i % m] if S else []):
+        for d, x in enumerate(blocks[p.place.get(i // m)][i % m] if S else []):
             (lo, hi), j = outward(x, x), i - i % m + d
             row[j] = row.get(j, ZERO) - (lo + hi) / 2
             row[i] -= hi - lo

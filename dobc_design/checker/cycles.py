@@ -14,7 +14,7 @@ from .files import Certificate, Problem, reach
 from .intervals import by_decimal, enclosed, negative, times, total
 from .matrices import ZERO
 from .quadratic import read_ranges
-from .reading import matrix, maybe, need, rational, read, weights
+from .reading import matrix, maybe, need, rational, read, text, weights
 from .separable import Curve, Curves, Term, composite, observed, on_pieces, starts, supremum
 
 PHASES = 40
@@ -47,12 +47,13 @@ def phases(p: Problem) -> list[Phase]:
         need(number.get("dwell", ZERO) > 0, "it is not said how long a mode lasts at least")
         others = [[q for q in range(len(modes)) if q != k] for k in range(len(modes))]
         return [Phase(mode, number["dwell"], number.get("longest"), others[k], True) for k, mode in enumerate(modes)]
-    if table.get("schedule") is not None:
-        begins = [rational(time) for time, _ in table["schedule"]]
-        order = [mode for _, mode in table["schedule"]]
+    order = read(table.get("sequence"), maybe([text])) or modes
+    listed = read(table.get("schedule"), maybe([(rational, text)])) or []
+    need("period" in number or ("dwell" in number and not listed), "it is not said how long a phase lasts")
+    if listed:
+        begins, order = [time for time, _ in listed], [mode for _, mode in listed]
         lengths = [b - a for a, b in pairwise([*begins, number["period"] + begins[0]])]
     else:
-        order = table.get("sequence") or modes
         lengths = [number["dwell"] if "dwell" in number else number["period"] / len(order)] * len(order)
     need(set(order) <= set(modes) and min(lengths) > 0, "the sequence is none of modes")
     turns = list(zip(order, lengths, strict=True))

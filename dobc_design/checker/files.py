@@ -1,6 +1,7 @@
 """What the two files hold: the problem, which is trusted, and the claims of the certificate, read and not judged.
 
-Agents with the same exosystem are a group; a problem with one exosystem has one group of all agents. A, C, W and P of
+Agents with the same exosystem are a group; a problem with one exosystem has one group of all agents. Where there are
+groups, an agent in none of them has no disturbance. A, C, W and P of
 the problem are those of the joint exosystem: block diagonal, with the blocks of the groups. Without exosystem q = 0.
 """
 
@@ -113,7 +114,8 @@ class Problem:
 
         self.groups = self.read_groups(file.exosystem, file.observer)
         self.place = {i: k for k, group in enumerate(self.groups) for i in group.agents}
-        self.names = [self.labels[group.agents[0]] if len(self.groups) > 1 else None for group in self.groups]
+        apart = len(self.groups) > 1 or len(self.place) < self.n
+        self.names = [self.labels[group.agents[0]] if apart else None for group in self.groups]
         self.A = diagonal([group.A for group in self.groups])
         self.C = diagonal([group.C for group in self.groups]) or [[] for _ in range(m)]
         own = ([group.W for group in self.groups], [group.P for group in self.groups])
@@ -234,8 +236,9 @@ class Problem:
             return [self.read_group(exosystem | {"agents": list(range(self.n)), "W": observer.W, "P": observer.P})]
 
         groups = [self.read_group(value) for value in read(exosystem, {"groups": [an_object]}).groups]
-        need(len(groups) > 1, "there are fewer than two groups")
-        need(sorted(i for group in groups for i in group.agents) == [*range(self.n)], "an agent has not one group")
+        need(bool(groups) and len(groups[0].agents) < self.n, "there is no group, or one that has all agents")
+        everyone = [i for group in groups for i in group.agents]
+        need(len(set(everyone)) == len(everyone), "an agent is in two groups")
         need(all(a.agents[0] < b.agents[0] for a, b in pairwise(groups)), "the groups are not in the order of agents")
         need(len({group.P is None for group in groups}) == 1, "some groups have a P and some have none")
         return groups
@@ -257,7 +260,9 @@ class Problem:
         return group
 
     def block(self, S: Matrix, i: int) -> Matrix:
-        """The block of S = C X C' that belongs to the group of agent i."""
+        """The block of S = C X C' that belongs to the group of agent i; 0 without a disturbance."""
+        if self.groups and i not in self.place:
+            return identity(self.m, 0)
         k = self.place.get(i, 0) * self.m
         return [row[k : k + self.m] for row in S[k : k + self.m]]
 

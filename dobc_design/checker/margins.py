@@ -89,6 +89,8 @@ def amplitude(case: Certificate, i: int) -> Fraction:
     p = case.problem
     if p.actuators.amplitude is not None or not p.q:
         return Fraction(p.actuators.amplitude or 0)
+    if i not in p.place:
+        return ZERO
     group, given = p.groups[p.place[i]], read(p.simulation.get("xi0") or [], [[rational]])
     x: Matrix = transpose(given[min(i, len(given) - 1) :][:1])
     need(len(x) == len(group.A), "there is no start of the disturbance")

@@ -46,8 +46,19 @@ def document(data: bytes, kind: str) -> dict[str, Any]:
     known = 2 if kind == "dobc-problem" and "dynamics" in value else 1
     modes = value.get("modes") if kind == "dobc-problem" else None
     known = 3 if type(modes) is list and any(type(x) is dict and "optional" in x for x in modes) else known
+    known = 4 if kind == "dobc-problem" and leaves_agents(value) else known
     need(type(value.get("version")) is int and value["version"] == known, f"the version is not {known}")
     return dict(value)
+
+
+def leaves_agents(problem: dict[str, Any]) -> bool:
+    """Whether there are groups of agents with exosystems, and agents in none of them."""
+    exosystem, labels = problem.get("exosystem"), problem.get("labels")
+    groups = exosystem.get("groups") if type(exosystem) is dict else None
+    if type(groups) is not list or type(labels) is not list:
+        return False
+    lists = [group.get("agents") for group in groups if type(group) is dict]
+    return sum(len(agents) for agents in lists if type(agents) is list) < len(labels)
 
 
 def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -270,6 +270,8 @@ def _observed(
         cure += f"; the groups begin with agent {names}."
         raise SpecError(f"{message} (exosystem.groups).", key="--agent", cure=cure)
     place = found.pop()
+    if place == len(problem.groups):
+        return None, None, range(0)
     before = sum(group.exosystem.order for group in problem.groups[:place])
     exosystem = problem.groups[place].exosystem
     return exosystem, gains_of(as_integrators(problem).groups, W)[place], range(before, before + exosystem.order)

@@ -27,7 +27,8 @@ from dobc_design.problem.problem import Problem
 from dobc_design.problem.settings import Switching
 
 FORMAT = "dobc-problem"
-VERSION, VERSION_DYNAMICS, VERSION_OPTIONAL = 1, 2, 3  # other problems keep their version, and their hash
+#: Other problems keep their version, and their hash.
+VERSION, VERSION_DYNAMICS, VERSION_OPTIONAL, VERSION_UNDISTURBED = 1, 2, 3, 4
 _CURE = "Write it again with `dobc check FILE --canonical OUT`."
 _KEYS = ("format", "version", "name", "notes", "labels", "dimension", "target", "modes", "coupling", "gains")
 _TABLES = ("exosystem", "observer", "offsets", "region", "switching", "simulation")
@@ -61,10 +62,15 @@ def matrix_text(matrix: Matrix) -> list[list[str]]:
 
 def canonical_document(problem: Problem) -> dict[str, Any]:
     """The document behind problem.json: JSON types only."""
-    exceptions, plain = sorted(problem.exceptions.items()), VERSION if problem.dynamics is None else VERSION_DYNAMICS
+    exceptions = sorted(problem.exceptions.items())
+    version = VERSION if problem.dynamics is None else VERSION_DYNAMICS
+    if problem.network.loose is not None:
+        version = VERSION_OPTIONAL
+    if problem.undisturbed:
+        version = VERSION_UNDISTURBED
     return {
         "format": FORMAT,
-        "version": plain if problem.network.loose is None else VERSION_OPTIONAL,
+        "version": version,
         "name": problem.name,
         "notes": list(problem.notes),
         "labels": list(problem.network.labels),
@@ -151,11 +157,23 @@ def _load(data: bytes) -> dict[str, Any]:
     known, modes = VERSION_DYNAMICS if "dynamics" in document else VERSION, document.get("modes")
     if isinstance(modes, list) and any(isinstance(mode, dict) and "optional" in mode for mode in modes):
         known = VERSION_OPTIONAL
+    if _leaves_agents_undisturbed(document):
+        known = VERSION_UNDISTURBED
     if version != known or type(version) is not int:  # true and 1.0 equal 1
-        what = f"problem.json has version {shown(version)}; this program knows {VERSION} to {VERSION_OPTIONAL},"
+        what = f"problem.json has version {shown(version)}; this program knows {VERSION} to {VERSION_UNDISTURBED},"
         what += f" and reads this one as {known}."
         raise SpecError(what, key="version", cure="Update dobc_design, or write the file again.")
     return document
+
+
+def _leaves_agents_undisturbed(document: Mapping[str, Any]) -> bool:
+    """Whether there are groups, and agents in none of them."""
+    exosystem, labels = document.get("exosystem"), document.get("labels")
+    groups = exosystem.get("groups") if isinstance(exosystem, dict) else None
+    if not isinstance(groups, list) or not isinstance(labels, list):
+        return False
+    lists = [group.get("agents") for group in groups if isinstance(group, dict)]
+    return sum(len(agents) for agents in lists if isinstance(agents, list)) < len(labels)
 
 
 def _no_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -222,8 +240,9 @@ class _Reader:
                 result.append(Group(agents=agents, exosystem=system, observer=observer))
             except SpecError as error:
                 raise renamed(error, key) from None
-        if len(result) < 2:
-            raise _wrong("exosystem.groups", "a list of two groups or more", exosystem["groups"])
+        everybody = len(result) == 1 and len(result[0].agents) == len(self.labels)
+        if not result or everybody:
+            raise _wrong("exosystem.groups", "a list of groups, none of which has all agents", exosystem["groups"])
         return result
 
     def modes(self) -> dict[str, Arcs]:

@@ -1,6 +1,6 @@
 """Groups of agents with an exosystem and an observer of their own (eq. 12 and 13 with A, C, W, P by group).
 
-Every agent is in exactly one group; there is none without a disturbance.  Side by side the groups make one *joint*
+Every agent is in at most one group; an agent in no group has no disturbance.  Side by side the groups make one *joint*
 exosystem with block diagonal A and C.  For block diagonal W, P, Q also A - W C, Omega0 = P A + A'P - Q C - C'Q' and
 S = C (-Omega0)^-1 C' are block diagonal, and the Reduction reads Lambda + blockdiag(S of the agents) < 0.
 """
@@ -16,7 +16,7 @@ from typing import Any
 from dobc_design._checks import put, require_square
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError, about, kept, raise_all, wrong
-from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.matrix import Matrix, zeros
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import counted, is_list, named, read_matrix, rows_of, shown, shown_number, some
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
@@ -123,8 +123,9 @@ def read_groups(
     m: int,
     states: int | None = None,
 ) -> tuple[Group, ...]:
-    """Divide all agents into groups: those given, and the others, who have ``exosystem`` and ``observer``.  Returns:
-    the groups ordered by their first agent, agents in the order of the labels; none without a disturbance.  ``m``: how
+    """Divide the agents into groups: those given, and the others, who have ``exosystem`` and ``observer``, or without
+    an ``exosystem`` no disturbance.  Returns: the groups ordered by their first agent, agents in the order of the
+    labels; none without a disturbance.  ``m``: how
     many components a disturbance has; ``states``: how many an agent has, where these are others.  Raises: SpecError or
     ShapeError naming the key."""
     common = Observer() if observer is None else observer
@@ -149,7 +150,8 @@ def read_groups(
     raise_all(errors)
     places: dict[int, list[str]] = {}
     for label in labels:
-        places.setdefault(owner.get(label, -1), []).append(label)
+        if label in owner or exosystem is not None:
+            places.setdefault(owner.get(label, -1), []).append(label)
     result = []
     for number, agents in places.items():  # in the order of their first agents
         system = groups[number].exosystem if number >= 0 or exosystem is None else exosystem
@@ -207,12 +209,9 @@ def _check_group(group: Group, number: int, *, m: int, states: int | None, rate:
 
 
 def _check_rest(rest: Sequence[str], exosystem: Exosystem | None, common: Observer, states: int | None) -> None:
-    """Those in no group have [exosystem]'s own A and C; where there is nobody, nothing may be said of them."""
-    nobody = "apply to no agent, because every agent is in a group of exosystem.groups."
-    if rest and exosystem is None:
-        what = f"{name_some(rest)} {'is' if len(rest) == 1 else 'are'} in no group of exosystem.groups, and [exosystem]"
-        cure = "Give A and C in [exosystem], or add them to a group."
-        raise SpecError(f"{what} has no A and C for the agents outside the groups.", key="exosystem.A", cure=cure)
+    """Those in no group have [exosystem]'s own A and C, or no disturbance; of nobody nothing may be said."""
+    why = "every agent is in a group of exosystem.groups" if not rest else "the agents in no group have no disturbance"
+    nobody = f"apply to no agent, because {why}."
     if exosystem is not None and not rest:
         raise wrong("exosystem.A", f"and exosystem.C {nobody}", "Remove A and C (or kind) from [exosystem].")
     if exosystem is not None:
@@ -267,17 +266,17 @@ def gains_of(groups: Sequence[Group], W: Matrix) -> tuple[Matrix, ...]:
 
 
 def group_numbers(groups: Sequence[Group], labels: Sequence[str]) -> list[int]:
-    """For each agent the number of its group."""
-    if len(groups) < 2:
-        return [0] * len(labels)
+    """For each agent the number of its group; ``len(groups)`` for an agent without a disturbance."""
     number = {label: place for place, group in enumerate(groups) for label in group.agents}
-    return [number[label] for label in labels]
+    return [number.get(label, len(groups)) for label in labels]
 
 
 def agent_blocks(S: Matrix, groups: Sequence[Group], labels: Sequence[str]) -> list[Matrix]:
-    """For each agent the block (m, m) of its group: S (G m, G m), or (m, m) for one group or none."""
+    """For each agent the block (m, m) of its group, 0 without a disturbance: S (G m, G m), or (m, m) for one group or
+    none."""
     blocks = group_blocks(S, max(1, len(groups)))
-    return [blocks[number] for number in group_numbers(groups, labels)]
+    nothing = zeros(len(blocks[0]), len(blocks[0]))
+    return [(*blocks, nothing)[number] for number in group_numbers(groups, labels)]
 
 
 def group_blocks(S: Matrix, groups: int) -> tuple[Matrix, ...]:

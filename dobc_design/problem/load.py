@@ -11,7 +11,8 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import cache, partial
 from importlib.resources import files
@@ -29,7 +30,7 @@ from dobc_design.problem import arcs_file, exosystems
 from dobc_design.problem.canonical import problem_from_canonical
 from dobc_design.problem.dynamics import Dynamics
 from dobc_design.problem.exosystems import Exosystem
-from dobc_design.problem.groups import Group, Observer, group_key, renamed
+from dobc_design.problem.groups import Group, Observer, check_observer, group_key, renamed
 from dobc_design.problem.network import Arcs, Network, arcs_from_pairs, check_arrow, joined, labels_of
 from dobc_design.problem.problem import Problem, dimension_of, is_name
 from dobc_design.problem.schema import RESERVED, SCHEMA_VERSION, ExosystemTable, GroupTable, ProblemFile
@@ -233,41 +234,86 @@ def known_keys(table: str) -> tuple[str, ...]:
     return _tables().get(table, ())
 
 
-def read_exosystem(
-    tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]
-) -> tuple[Exosystem | None, tuple[Group, ...]]:
-    """The exosystem of the agents in no group, and the groups.  Raises: SpecError naming the keys.  ``dimension_of``:
-    how many state components there are, for the first exosystem given by A and C, or None; one given in words has
-    that many."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disturbances:
+    """What [exosystem] says: the exosystem of the agents in no group (None: they have no disturbance), the groups, and
+    the lists of agents without a disturbance, with their keys."""
+
+    exosystem: Exosystem | None = None
+    groups: tuple[Group, ...] = ()
+    without: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+
+    def divided(
+        self, labels: Sequence[str], observer: Observer | None, states: int | None
+    ) -> tuple[Exosystem | None, tuple[Group, ...]]:
+        """The exosystem and the groups of a Problem, in which agents in no group have no disturbance where there is no
+        exosystem: agents that share it then are a group like others.  ``states``: how many an agent with [dynamics]
+        has.  Raises: SpecError."""
+        listed = {str(agent): key for key, agents in self.without.items() for agent in agents}
+        if not listed or self.exosystem is None:
+            return self.exosystem, self.groups
+        others = {agent for group in self.groups for agent in group.agents} | set(listed)
+        rest = [label for label in labels if label not in others]
+        if not rest:
+            what = "and exosystem.C apply to no agent, because every agent is in a group of exosystem.groups."
+            raise wrong("exosystem.A", what, "Remove A and C (or kind) from [exosystem].")
+        own = Observer() if observer is None else Observer(W=observer.W, P=observer.P)
+        check_observer(own, q=self.exosystem.order, m=self.exosystem.outputs, states=states)
+        return None, (*self.groups, Group(agents=rest, exosystem=self.exosystem, observer=own))
+
+    def checked(self, labels: Sequence[str]) -> Disturbances:
+        """Every agent without a disturbance is there, once.  Raises: SpecError."""
+        owner = {agent: group_key(k) for k, group in enumerate(self.groups) for agent in group.agents}
+        for key, agents in self.without.items():
+            for place, agent in enumerate(map(str, agents)):
+                if agent not in labels:
+                    what = f"there is no agent {shown(agent)} in network.agents."
+                    raise about(f"{key}.agents[{place}]", what, "Use the label of an agent.")
+                if agent in owner:
+                    what = f"agent {shown(agent)} is in {owner[agent]} already, and an agent has one exosystem only."
+                    raise about(f"{key}.agents[{place}]", what, "Keep it in one group.")
+                owner[agent] = key
+        return self
+
+
+def read_exosystem(tables: ProblemFile, *, dimension_of: Callable[[Exosystem | None], int]) -> Disturbances:
+    """The disturbances of all agents.  Raises: SpecError naming the keys.  ``dimension_of``: how many state components
+    there are, for the first exosystem given by A and C, or None; one given in words has that many."""
     table = tables.exosystem
     if table is None:
-        return None, ()
+        return Disturbances()
     errors: list[SpecError] = []
     places = {"exosystem": table} | {group_key(number): group for number, group in enumerate(table.groups)}
     found = {place: _explicit(each, place, errors) for place, each in places.items()}
     raise_all(errors)
     m = dimension_of(next((each for each in found.values() if each is not None), None))
     own, *others = (found[place] or _in_words(each, place, m, errors) for place, each in places.items())
-    result = []
+    result, without = list[Group](), dict[str, Sequence[Any]]()
     for number, (each, exosystem) in enumerate(zip(table.groups, others, strict=True)):
         try:
             observer = Observer(W=each.W, P=each.P)
-            if exosystem is not None:
+            if exosystem is not None or each.none:
                 agents, key = each.agents, f"{group_key(number)}.agents"
                 if not is_list(agents) or not agents or not all(is_text(x) or isinstance(x, str | int) for x in agents):
                     what = f"must be a list of labels, at least one; got {shown(agents)}."
                     raise wrong(key, what, "For example agents = [1, 2].")
+            if exosystem is not None:
                 result.append(Group(agents=list(agents), exosystem=exosystem, observer=observer))
+            elif each.none:
+                without[group_key(number)] = list(agents)
         except SpecError as error:
             errors.append(renamed(error, group_key(number)))
     raise_all(errors)
-    return own, tuple(result)
+    return Disturbances(exosystem=own, groups=tuple(result), without=without)
 
 
 def _explicit(table: ExosystemTable | GroupTable, place: str, errors: list[SpecError]) -> Exosystem | None:
     """The exosystem of A and C; None where a kind stands in their place, or where groups alone are given."""
     matrices = [name for name in ("A", "C") if getattr(table, name) is not None]
     parts = [name for name in exosystems.PARTS if getattr(table, name) is not None]
+    if isinstance(table, GroupTable) and table.none is not None:
+        _check_none(table, place, [*matrices, *parts], errors)
+        return None
     if parts and matrices:
         both = f"stands beside {' and '.join(matrices)}; only one of them can be used."
         errors.append(wrong(f"{place}.{parts[0]}", both, f"Give either A and C or {' and '.join(parts)}."))
@@ -287,6 +333,17 @@ def _explicit(table: ExosystemTable | GroupTable, place: str, errors: list[SpecE
             found = type(found)(str(found).partition("\n")[0], key=found.key, cure=cure)
         errors.append(found)
         return None
+
+
+def _check_none(table: GroupTable, place: str, given: Sequence[str], errors: list[SpecError]) -> None:
+    """``none`` is true, and says all that there is to say of the disturbance of its agents."""
+    key, given = f"{place}.none", [*given, *(name for name in ("W", "P") if getattr(table, name) is not None)]
+    if table.none is not True:
+        what = f"must be true, for agents without a disturbance; got {shown(table.none)}."
+        errors.append(wrong(key, what, "Write none = true, or leave it out and give A and C, or a part."))
+    elif given:
+        what = f"stands beside {' and '.join(given)}: agents without a disturbance need no observer."
+        errors.append(wrong(key, what, f"Remove none, or {' and '.join(given)}."))
 
 
 def _in_words(
@@ -367,11 +424,18 @@ def _build(tables: ProblemFile, *, folder: Path | None, default_name: str) -> Pr
     switching = None if signal is None else _tried(lambda: Switching(**signal), errors)
     if given is None:
         raise SpecError.several(errors)
-    exosystem, groups = given
-    first = exosystem if exosystem is not None or not groups else groups[0].exosystem
+    first = given.exosystem if given.exosystem is not None or not given.groups else given.groups[0].exosystem
     m = _tried(lambda: dimension(first), errors)
     if network is None or m is None:
         raise SpecError.several(errors)
+    labels, states = network.labels, None if dynamics is None else dynamics.dimension
+    known = _tried(lambda: given.checked(labels), errors)
+    divided = None if known is None else _tried(lambda: known.divided(labels, observer, states), errors)
+    if divided is None:
+        raise SpecError.several(errors)
+    exosystem, groups = divided
+    if exosystem is not given.exosystem and observer is not None:  # W and P are those of the last group now
+        observer = None if observer.rate is None else Observer(rate=observer.rate)
     sizes = (m, m) if dynamics is None else (dynamics.dimension, dynamics.inputs)
     exceptions = _tried(lambda: _exceptions(tables, network, sizes=sizes), errors)
     problem = _tried(

@@ -59,8 +59,8 @@ def disturbance_starts(problem: Problem, group: Group) -> Array:
     rows = problem.simulation.xi0 or ()
     rows = rows if rows and has_floats(problem) else ()
     if len(rows) > 1:
-        own = group_numbers(problem.groups, problem.network.labels)
-        rows = tuple(row for row, number in zip(rows, own, strict=True) if problem.groups[number] is group)
+        own, place = group_numbers(problem.groups, problem.network.labels), problem.groups.index(group)
+        rows = tuple(row for row, number in zip(rows, own, strict=True) if number == place)
     return to_float(rows).T if rows else np.zeros((group.exosystem.order, 0))
 
 

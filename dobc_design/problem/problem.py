@@ -211,7 +211,7 @@ class Problem(Shown):
         exosystem: Exosystem or None (no disturbance).
         observer: Observer or None (W is designed).
         groups: Groups of agents with an exosystem and an observer of their own; ``exosystem`` and ``observer`` are
-            then those of the agents in no group.
+            then those of the agents in no group, who have no disturbance without an ``exosystem``.
         offsets: {label: offset}, the formation: agent i goes to xbar + offset_i.
         region: {"initial_states": ..., "initial_disturbance": ...} or a Region.
         switching, simulation: settings; ``simulation`` is a mapping with t_final, seed, xi0, x0.
@@ -370,7 +370,7 @@ class Problem(Shown):
         names = ("name", "network", "coupling", "target", "region", "switching", "simulation", "notes")
         found = {name: getattr(self, name) for name in (*names, "uncertainty", "actuators", "dynamics", "leader")}
         found |= {"gains": self.pinning, "exceptions": dict(self.exceptions)}
-        if self.is_grouped:
+        if self.is_grouped:  # agents in no group have no disturbance
             found |= {"groups": self.groups, "observer": Observer(rate=self.groups[0].observer.rate)}
         else:
             found |= {"exosystem": self.exosystem, "observer": self.observer if self.groups else None}
@@ -441,12 +441,19 @@ class Problem(Shown):
 
     @property
     def is_grouped(self) -> bool:
-        """Whether there are several groups of agents, with an exosystem each."""
-        return len(self.groups) > 1
+        """Whether agents differ in their exosystems: there are several groups, or agents without a disturbance."""
+        return len(self.groups) > 1 or (len(self.groups) == 1 and len(self.groups[0].agents) < self.n)
+
+    @property
+    def undisturbed(self) -> tuple[str, ...]:
+        """The labels of the agents without a disturbance, where others have one."""
+        labels, numbers = self.network.labels, group_numbers(self.groups, self.network.labels)
+        none = len(self.groups)
+        return tuple(x for x, number in zip(labels, numbers, strict=True) if number == none) if none else ()
 
     @property
     def exosystem(self) -> Exosystem | None:
-        """The exosystem that all agents have; None without a disturbance.  Raises: SpecError if there are several."""
+        """The exosystem that all agents have; None without a disturbance.  Raises: SpecError if they differ."""
         self.require_one_exosystem()
         return self.groups[0].exosystem if self.groups else None
 
@@ -468,9 +475,9 @@ class Problem(Shown):
     def joint_observer(self) -> Observer:
         """W (q, G m) and P (q, q) of all groups, block diagonal, None where not every group has one; of one group its
         own."""
-        if len(self.groups) < 2:
-            return self.observer
         own = [group.observer for group in self.groups]
+        if len(own) < 2:
+            return own[0] if own else Observer()
         return Observer(W=join([each.W for each in own]), P=join([each.P for each in own]), rate=own[0].rate)
 
     def require_integrators(self, what: str) -> None:
@@ -645,5 +652,6 @@ def _orders(groups: tuple[Group, ...] | None, labels: Sequence[str], exosystem: 
     """The order of every agent's exosystem; one number if it is the same for all."""
     if groups is None:
         return (0 if exosystem is None else exosystem.order,)
-    orders = [group.exosystem.order for group in groups] or [0]
-    return tuple(orders[g] for g in group_numbers(groups, labels)) if len(set(orders)) > 1 else (orders[0],)
+    orders = [*(group.exosystem.order for group in groups), 0]  # the last one: agents without a disturbance
+    own = tuple(orders[g] for g in group_numbers(groups, labels))
+    return own if len(set(own)) > 1 else own[:1]

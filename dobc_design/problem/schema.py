@@ -154,15 +154,16 @@ class _Disturbance(_Table):
 class GroupTable(_Disturbance):
     """[[exosystem.groups]]: agents with an exosystem and an observer of their own."""
 
-    model_config = ConfigDict(json_schema_extra={"anyOf": _WAYS})
+    model_config = ConfigDict(json_schema_extra={"anyOf": [*_WAYS, {"required": ["none"]}]})
 
     agents: Members = Field(description="Labels; an agent is in one group at most.")
+    none: Flag = Field(default=None, description="True, in place of all else: these agents have no disturbance.")
     W: NumberMatrix = Field(default=None, description="Without it W is designed, for observer.rate.")
     P: NumberMatrix = Field(default=None, description="Beside W, for every group or none; tested as it is.")
 
 
 class ExosystemTable(_Disturbance):
-    """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group."""
+    """[exosystem]: xi' = A xi, d = C xi, of the agents that are in no group; without A, C or a part they have none."""
 
     model_config = ConfigDict(json_schema_extra={"anyOf": [*_WAYS, {"required": ["groups"]}]})
 

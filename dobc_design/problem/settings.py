@@ -128,6 +128,11 @@ def read_simulation(value: Any, *, n: int, orders: tuple[int, ...], m: int = 1) 
 
 def _read_xi0(value: Any, *, n: int, orders: tuple[int, ...]) -> Rows:
     key, q, n_rows = "simulation.xi0", orders[0], counted(len(orders), "row")
+    alike = set(orders) - {0}
+    if len(orders) > 1 and len(alike) == 1 and is_list(value) and value and not any(map(is_list, value)):
+        (width,) = alike  # one row for all agents that have a disturbance
+        row = read_vector(value, key=key, length=width, because="one per exosystem state")
+        return tuple(row if order else () for order in orders)
     if len(orders) > 1:  # one row per agent, as long as the order of its own exosystem
         if not is_list(value) or len(value) != len(orders) or not all(is_list(row) for row in value):
             because = "because the groups of exosystem.groups differ in order"

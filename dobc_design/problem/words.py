@@ -30,7 +30,8 @@ def describe(problem: Problem) -> str:
     labels = problem.network.labels
     order = f"disturbance of order {problem.q}." if problem.q else "no disturbance."
     if problem.is_grouped:
-        order = f"disturbances of {counted(len(problem.groups), 'group')} of agents."
+        order = f"disturbances of {counted(len(problem.groups), 'group')} of agents"
+        order += ", none for the others." if problem.undisturbed else "."
     others = f" ({counted(len(problem.exceptions), 'arc')} with another)" if problem.exceptions else ""
     lines = [
         f"{problem.name}: {size_words(problem.network)}.",
@@ -188,6 +189,8 @@ def meaning_lines(problem: Problem) -> list[str]:
     lines = [
         f"Disturbance{_of(problem, each)}: {disturbance_words(problem, each)}." for each in problem.groups[:LISTED]
     ]
+    if problem.undisturbed:
+        lines.append(f"Disturbance of {some(problem.undisturbed, LISTED)}: none.")
     lines += [f"Time scales near the target: {times}."] if (times := time_words(problem)) else []
     return [*lines, *caution_lines(problem)]
 
@@ -224,6 +227,7 @@ def facts(problem: Problem) -> dict[str, Any]:
             for mode, arcs in problem.network.modes.items()
         },
         **({"groups": [list(group.agents) for group in problem.groups]} if problem.is_grouped else {}),
+        **({"undisturbed": list(problem.undisturbed)} if problem.undisturbed else {}),
         "pinned": [labels[i] for i in problem.pinning.agents],
         "switching": switching_words(problem),
         "notes": list(problem.notes),

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 from dobc_design._show.text import latex_decimal, latex_matrix, latex_number
 from dobc_design.certificate import text as certificate_text
 from dobc_design.certificate.certificate import Certificate
-from dobc_design.exact.matrix import Matrix, multiply
+from dobc_design.exact.matrix import Matrix
 from dobc_design.plotting.look import thinned_rows
 from dobc_design.problem.dynamics import Dynamics
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.words import caution_lines
 from dobc_design.report import checks, pictures, words
@@ -320,18 +321,15 @@ def _matrices(certificate: Certificate) -> Iterator[doc.ShownMatrix]:
     """A, C, W, and P, Q, S where the theorem is proved, S of a printed P beside them."""
     problem, claims = certificate.problem, certificate.claims
     exosystem, own = problem.joint_exosystem, problem.dynamics
-    if exosystem is None:
+    felt = as_integrators(problem).joint_exosystem
+    if exosystem is None or felt is None:
         return
     source = f" ({claims.gain_source})" if claims.gain_source else ""
     blocks = words.observer_blocks(certificate)
     for name, what, matrix in (
         ("A", "generator of the disturbance", exosystem.A),
         ("C", "output matrix: d = C ξ acts on the agent", exosystem.C),
-        *(
-            ()
-            if own is None
-            else (("B C", "what takes the place of C in the condition", multiply(own.B, exosystem.C)),)
-        ),
+        *(() if own is None else (("B C", "what takes the place of C in the condition", felt.C),)),
         ("W", f"observer gain{source}", claims.W),
         ("P", "Lyapunov matrix of the estimation error, found and proved", claims.P),
         ("Q", "P W", claims.Q),

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,8 +10,9 @@ from certified import certified, consensus_claims
 from exact_oracle import negative_definite
 from groups_oracle import GroupsOracle
 from linked import linked
+from shown import html_report
 
-from dobc_design import Exosystem, Problem, Verdict, certify, verify
+from dobc_design import Exosystem, Problem, Verdict, certify, simulate, verify
 from dobc_design.certification.recheck import expected_checks
 from dobc_design.conditions.check import Values
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
@@ -20,6 +22,7 @@ from dobc_design.conditions.quadratic.decide import verify_lure
 from dobc_design.exact.matrix import multiply, scale
 from dobc_design.exact.symmetric import SparseSymmetric
 from dobc_design.problem.groups import Group, Observer, block_diagonal
+from dobc_design.problem.load import read_problem_text
 
 OSCILLATOR, CONSTANT = Exosystem(A=[[0, 2], [-2, 0]], C=[[1, 0]]), Exosystem(A=[[0]], C=[[1]])
 PRINTED = Observer(W=[["16/5"], ["12/5"]], P=[["1/2", "-1/4"], ["-1/4", "1/3"]])  # S = 9/8
@@ -37,6 +40,59 @@ def two(first: object, second: object, *, swapped: bool = False) -> Problem:
     """Two agents that hear nobody, Lambda = diag(-2 k1, -2 k2)."""
     pairs = [(OSCILLATOR, PRINTED), (CONSTANT, HALF)]
     return grouped([], *(pairs[::-1] if swapped else pairs), gains={1: first, 2: second})
+
+
+SWINGS = """
+target = [0, 0]
+[network]
+agents = 2
+arrow = "listens_to"
+[network.modes]
+g = [[1, 2], [2, 1]]
+[dynamics]
+f = ["x2", "-x2"]
+B = [[0], [1]]
+[coupling]
+h = "sin(y1)"
+[pinning]
+gains = { 1 = [[1, 1]] }
+[[exosystem.groups]]
+agents = [2]
+frequencies = 1
+"""
+
+
+@pytest.mark.parametrize("more", ["", "[[exosystem.groups]]\nagents = [1]\nconstant = true\n"])
+def test_a_report_holds_for_dynamics_with_exosystems_of_different_orders_or_none(more: str):
+    """B C of the report is block diagonal: one B for each group."""
+    problem = read_problem_text((SWINGS + more).encode(), folder=Path())
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert verify(certificate, problem).holds
+    assert "B C" in html_report(certificate)
+    runs = simulate(problem, t_final=1)
+    assert not runs.diverged
+
+
+def test_an_agent_without_a_disturbance_has_no_block_of_s():
+    """Closed form: lambda_max = -2 k_i + S_i with S_1 = 9/8 and S_2 = 0, so that any k_2 > 0 does."""
+    group = Group(agents=[1], exosystem=OSCILLATOR, observer=PRINTED)
+    for first, second, verdict in (
+        ("0.5626", "1/1000", Verdict.PROVED),
+        ("9/16", "1/1000", Verdict.REFUTED),
+        ("0.5626", 0, Verdict.REFUTED),
+    ):
+        problem = linked([], 2, gains={1: first, 2: second}, groups=[group])
+        claims = consensus_claims(problem)
+        found = {check.id: check.verdict for check in claims.checks}
+        assert found["theorem1-printed"] is verdict
+        assert verify(claims, problem).holds
+
+
+def test_psi_has_no_rows_for_an_agent_without_a_disturbance():
+    problem = linked([], 2, gains=1, groups=[Group(agents=[1], exosystem=OSCILLATOR, observer=PRINTED)])
+    (psi,) = state_theorems(problem).psi()
+    assert psi.size == 2 + 2
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from checker_cases import FAILS, HOLDS, UNREADABLE, Case
 from checker_removals import EVERY, outcome
+from cycles_cases import cycles_cases
 
 from dobc_design.checker import examine
 
@@ -97,3 +98,22 @@ def test_another_value_ends_in_a_finding_or_in_a_refusal(seed: int):
         assert code in (HOLDS, FAILS, UNREADABLE), (case.name, key, holder[key], code)
         codes.add(code)
     assert codes >= {FAILS, UNREADABLE}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"sequence": [["A"], ["B"]]},
+        {"sequence": 7},
+        {"schedule": [7]},
+        {"schedule": [{}]},
+        {"schedule": ""},
+        {"dwell": None, "period": None},
+        {"schedule": [["0", "A"], ["1", "B"]], "period": None},
+    ],
+)
+def test_a_switching_table_that_is_none_is_refused(changes: dict[str, Any]):
+    case = next(case for case in cycles_cases() if case.name == "chain: true")
+    document = json.loads(case.problem)
+    document["switching"] |= changes
+    assert said_of(rehashed(case, json.dumps(document).encode())) in (FAILS, UNREADABLE)

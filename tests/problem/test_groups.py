@@ -86,6 +86,68 @@ def test_the_order_of_groups_does_not_matter_and_one_of_all_agents_is_the_plain_
     assert problem_sha256(first) != problem_sha256(read(one.format("1, 3", 0) + one.format("2, 4", -1)))
 
 
+ONE = "[[exosystem.groups]]\nagents = [2]\nfrequencies = 1\n"
+
+
+def test_agents_in_no_group_have_no_disturbance_where_all_groups_are_listed():
+    problem = read(ONE)
+    assert [group.agents for group in problem.groups] == [("2",)]
+    assert problem.undisturbed == ("1", "3", "4")
+    assert problem.is_grouped
+    assert problem.q == 2
+    assert "Disturbance of 1, 3, 4: none." in describe(problem)
+    assert facts(problem)["undisturbed"] == ["1", "3", "4"]
+    assert canonical_document(problem)["version"] == 4
+
+
+def test_a_group_may_have_no_disturbance_beside_agents_that_share_one():
+    none = "[[exosystem.groups]]\nagents = [4, 3]\nnone = true\n"
+    shared = "[exosystem]\nconstant = true\n[observer]\nW = [[2]]\nrate = 3\n"
+    problem = read(shared + ONE + none)
+    assert [group.agents for group in problem.groups] == [("1",), ("2",)]
+    assert [group.observer.W for group in problem.groups] == [((Fraction(2),),), None]
+    assert {group.observer.rate for group in problem.groups} == {Fraction(3)}
+    assert problem.undisturbed == ("3", "4")
+    others = "[[exosystem.groups]]\nagents = [1, 3, 4]\nnone = true\n"
+    assert problem_sha256(read(ONE + others)) == problem_sha256(read(ONE))
+    everybody = "[[exosystem.groups]]\nagents = [1, 2, 3, 4]\nnone = true\n"
+    assert read(everybody).groups == ()
+    assert problem_sha256(read(everybody)) == problem_sha256(read(""))
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("agents = [1]\nnone = false", r"groups\[0\]\.none must be true"),
+        ("agents = [1]\nnone = true\nhz = 1", r"groups\[0\]\.none stands beside hz"),
+        ("agents = [1]\nnone = true\nA = [[0]]\nC = [[1]]", r"groups\[0\]\.none stands beside A and C"),
+        ("agents = [1]\nnone = true\nW = [[1]]", r"groups\[0\]\.none stands beside W"),
+        ("agents = []\nnone = true", r"groups\[0\]\.agents must be a list of labels"),
+        ("agents = [9]\nnone = true", r"groups\[0\]\.agents\[0\].*no agent"),
+        ("agents = [1, 1]\nnone = true", r"groups\[0\]\.agents\[1\].*already"),
+        ("agents = [1]\nnone = true\n[[exosystem.groups]]\nagents = [1]\nhz = 1", r"agents\[0\].*already"),
+        ("agents = [1, 2, 3, 4]\nnone = true\n[exosystem]\nhz = 1", "apply to no agent"),
+        ("agents = [1]\nnone = true\n[exosystem]\nhz = 1\n[observer]\nW = [[1]]", r"observer\.W must have shape"),
+        ("agents = [1]\nhz = 1\n[observer]\nW = [[1]]", r"observer\.W.*no disturbance"),
+    ],
+)
+def test_a_mistake_about_agents_without_a_disturbance_is_named(text: str, match: str):
+    with pytest.raises(SpecError, match=match):
+        read(f"[[exosystem.groups]]\n{text}\n")
+
+
+def test_a_problem_with_undisturbed_agents_survives_every_way_of_writing_it():
+    problem = read(ONE + '[simulation]\nxi0 = [1, "1/2"]\n')
+    row = (Fraction(1), Fraction(1, 2))
+    assert problem.simulation.xi0 == ((), row, (), ())
+    assert read(ONE + '[simulation]\nxi0 = [[], [1, "1/2"], [], []]\n') == problem
+    assert problem_from_canonical(canonical_bytes(problem)) == problem
+    assert pickle.loads(pickle.dumps(problem)) == problem
+    assert problem.replace(name="other").undisturbed == problem.undisturbed
+    written = read_problem_text(problem_text(problem).encode(), folder=Path(), default_name="four")
+    assert canonical_bytes(written) == canonical_bytes(problem)
+
+
 def test_a_problem_with_groups_survives_every_way_of_writing_it():
     problem = read(TWO + '[simulation]\nxi0 = [[1, 2], [3], [4, "1/2"], [0]]\n')
     assert problem_from_canonical(canonical_bytes(problem)) == problem
@@ -189,8 +251,7 @@ def test_groups_in_python_are_named_by_labels_and_read_like_those_of_a_file():
     ):
         with pytest.raises(SpecError, match=message):
             Problem(network=network, coupling="y", exosystem=OSCILLATOR, groups=wrong)
-    with pytest.raises(SpecError, match="agent 1 is in no group"):
-        Problem(network=network, coupling="y", groups=[one])
+    assert Problem(network=network, coupling="y", groups=[one]).undisturbed == ("1",)
 
 
 def test_a_p_is_given_for_every_group_or_for_none():

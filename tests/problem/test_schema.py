@@ -24,7 +24,7 @@ CONTRACT = {
     "coupling.exceptions": {"arcs", "h"},
     "pinning": {"gains"},
     "exosystem": {"A", "C", "groups", *PARTS},
-    "exosystem.groups": {"agents", "A", "C", "W", "P", *PARTS},
+    "exosystem.groups": {"agents", "none", "A", "C", "W", "P", *PARTS},
     "observer": {"W", "P", "rate"},
     "formation": {"offsets"},
     "region": {"initial_states", "initial_disturbance"},
@@ -73,7 +73,8 @@ WORDS = [{part} for part in PARTS]
 
 
 @pytest.mark.parametrize(
-    ("path", "ways"), [("exosystem", [{"A", "C"}, *WORDS, {"groups"}]), ("exosystem.groups", [{"A", "C"}, *WORDS])]
+    ("path", "ways"),
+    [("exosystem", [{"A", "C"}, *WORDS, {"groups"}]), ("exosystem.groups", [{"A", "C"}, *WORDS, {"none"}])],
 )
 def test_an_exosystem_is_given_by_matrices_in_words_or_by_groups(path, ways):
     assert [set(way["required"]) for way in table(json_schema(), path)["anyOf"]] == ways

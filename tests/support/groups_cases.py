@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from fractions import Fraction
 from functools import cache
 from typing import Any
 
@@ -20,8 +21,9 @@ RAMP = Exosystem(A=[[0, 1], [0, 0]], C=[[1, 0]])
 SLOW, GROWING = Observer(W=[[1]]), Observer(W=[[-1]])
 
 
-def _pair(first: Group, second: Group, **more: Any) -> Problem:
-    return Problem(**{"network": network(), "coupling": "y", "gains": 1, "groups": [first, second]} | more)
+def _pair(*groups: Group, **more: Any) -> Problem:
+    """Two agents; one in no group has no disturbance."""
+    return Problem(**{"network": network(), "coupling": "y", "gains": 1, "groups": groups} | more)
 
 
 def _one(agent: int, exosystem: Exosystem, observer: Observer | None = None) -> Group:
@@ -48,6 +50,16 @@ def problems() -> dict[str, Problem]:
         "loose": _pair(given, slow, gains=None),
         "region": _pair(given, slow, coupling="tanh(y)", gains=2, region=noisy),
         "plane": _pair(_one(1, line), _one(2, turned), coupling=["y1 + y2/2", "y2"], gains=2),
+        "one": _pair(given),
+        "one, printed": _pair(printed),
+        "one, limited": _pair(
+            given,
+            coupling="tanh(y)",
+            region=noisy,
+            actuators={"limit": 9},
+            simulation={"xi0": ["1/20"]},
+            uncertainty={"disturbance": "1/100", "weights": "1/100"},
+        ),
         "three": linked([[1, 2], [2, 3], [3, 1]], gains=1, groups=three),
     }
 
@@ -57,7 +69,7 @@ def _originals() -> dict[str, tuple[bytes, bytes]]:
     """What `certify` says of the region, and of the others about the consensus alone."""
     found = {}
     for name, problem in problems().items():
-        claims = certified(problem).claims if name == "region" else consensus_claims(problem)
+        claims = certified(problem).claims if problem.region and name != "bad W, calm" else consensus_claims(problem)
         found[name] = certificate_bytes(claims), canonical_bytes(problem)
     return found
 
@@ -66,7 +78,7 @@ def _originals() -> dict[str, tuple[bytes, bytes]]:
 def groups_cases() -> list[Case]:
     """All of them, the good ones first."""
     good = [Case(f"groups: {name}", data, problem, HOLDS) for name, (data, problem) in _originals().items()]
-    return [*good, *_bent_claims(), *_bent_matrices(), *_bent_obstacles(), *_bent_problems()]
+    return [*good, *_bent_claims(), *_undisturbed(), *_bent_matrices(), *_bent_obstacles(), *_bent_problems()]
 
 
 def document(name: str) -> Document:
@@ -120,6 +132,31 @@ def _bent_claims() -> Iterator[Case]:
         copied["checks"].append(claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=P)))
         name = f"groups: a quadratic certificate with p = {p}"
         yield Case(name, json.dumps(copied).encode(), _originals()["given"][1], code)
+
+
+def _undisturbed() -> Iterator[Case]:
+    """Agent 2 of "one" has no disturbance: S = diag(1/(3.8 p), 0) and, with the above, p > 0.09579 is needed; with the
+    block of agent 1 for both p > 0.1462.  S = diag(1/4, 0) leaves Lambda + S the margin 1.871098."""
+    for p, code in (("0.0958", HOLDS), ("0.0957", FAILS)):
+        copied = document("one")
+        copied["checks"].append(claim("lure", "global", 0.1, quadratic("1/10", "1", "1", None, None, P=[[p]])))
+        name = f"groups: one: a quadratic certificate with p = {p}"
+        yield Case(name, json.dumps(copied).encode(), _originals()["one"][1], code)
+    for margin, code in ((1.871, HOLDS), (1.8711, FAILS)):
+        yield bent("one, printed", ("theorem1-printed", None, {"margin": margin}), what=f"margin {margin}", code=code)
+    inputs = dict(check(document("one, limited"), "actuators")["exact"]["inputs"])
+    for label, less in (("1", "1/20"), ("2", "1/1000")):  # of |d_1| = 1/20 and d_2 = 0
+        exact = check(document("one, limited"), "actuators")["exact"]
+        exact = exact | {"inputs": inputs | {label: str(Fraction(inputs[label]) - Fraction(less))}}
+        yield bent("one, limited", ("actuators", None, {"exact": exact}), what=f"a smaller input of agent {label}")
+    for id in ("observability", "hurwitz"):
+        copied = document("one")
+        copied["checks"].append(check(copied, id, "1") | {"group": "2"})
+        yield Case(f"groups: one: {id} of agent 2", json.dumps(copied).encode(), _originals()["one"][1], FAILS)
+    copied = document("one")
+    for each in copied["checks"]:
+        each.pop("group", None)
+    yield Case("groups: one: no group named", json.dumps(copied).encode(), _originals()["one"][1], FAILS)
 
 
 def _texts(M: sp.Matrix) -> list[list[str]]:
@@ -205,6 +242,15 @@ def _bent_problems() -> Iterator[Case]:
     for holder, names in ((backwards["observer"], "WPQ"), (check(backwards, "theorem1")["exact"], "PQS")):
         holder |= {name: [row[::-1] for row in holder[name][::-1]] for name in names}
     yield about(problem, backwards, name="groups: given: groups out of order", code=UNREADABLE)
+    for what, parts in {
+        "version 1": {"version": 1},
+        "no group": {"exosystem": {"groups": []}},
+        "all agents": {
+            "exosystem": {"groups": [json.loads(_originals()["one"][1])["exosystem"]["groups"][0] | {"agents": [0, 1]}]}
+        },
+    }.items():
+        file = json.loads(_originals()["one"][1]) | parts
+        yield about(file, document("one"), name=f"groups: one: {what}", code=UNREADABLE)
     crowded = json.loads(_originals()["given"][1])
     crowded["exosystem"]["groups"].append({"agents": [], "A": [["0"]], "C": [["1"]], "W": [["1"]], "P": None})
     yield about(crowded, plain, name="groups: given: a group of nobody", code=UNREADABLE)

@@ -262,7 +262,8 @@ def theorem1(
     lambda_: Pencil, systems: Mapping[str, Exosystem], numbers: Sequence[int], *, rate: Fraction = ZERO
 ) -> Pencil:
     """Psi of eq. (18), n m rows and a block per agent, from Lambda, the exosystems and each agent's number among them.
-    Unknowns: P and Q of each, by its name: "P[1]", "Q[1]".  ``rate`` (1/s) adds 2 rate diag(I, I (x) P)."""
+    Unknowns: P and Q of each, by its name: "P[1]", "Q[1]".  ``rate`` (1/s) adds 2 rate diag(I, I (x) P).  An agent
+    without a disturbance has the number ``len(systems)``, and no block."""
     known = list(systems.values())
     m = known[0].outputs
     entries: Entries = dict(lambda_.constant.entries)
@@ -271,6 +272,8 @@ def theorem1(
         add_to(entries, i, i, 2 * rate)
     starts: list[list[int]] = [[] for _ in known]  # where the blocks of the agents begin
     for agent, number in enumerate(numbers):
+        if number == len(known):
+            continue
         starts[number].append(size)
         for c, row in enumerate(known[number].C):
             entries |= {(agent * m + c, size + k): x for k, x in enumerate(row) if x}

@@ -30,7 +30,7 @@ from dobc_design.conditions.consensus.claim import (
 from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, lowest_quotient, refutes
 from dobc_design.conditions.numbers import claimed, has_short_denominator, largest_proved, shorten
 from dobc_design.exact.definite import decide_positive_definite
-from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
+from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose, zeros
 from dobc_design.exact.number import from_fmpq_mat, number_text, to_fmpq_mat
 from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -98,11 +98,15 @@ def with_vectors(statements: Statements, vectors: Mapping[str, NDArray[np.float6
 
 
 def lambda_with(statements: Statements, mode: str, S: Matrix) -> Enclosed:
-    """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its own block of S."""
+    """Lambda(J) + I (x) S of one mode; where agents have different exosystems every agent has its own block of S, and 0
+    without a disturbance."""
     problem = statements.problem
-    groups = problem.groups
-    owners = group_numbers(groups, problem.network.labels) if problem.is_grouped else ()
-    return enclosed_lambda(statements, mode).plus_blocks(group_blocks(S, len(groups)), owners)
+    groups, m = problem.groups, problem.m
+    blocks, owners = group_blocks(S, len(groups)), group_numbers(groups, problem.network.labels)
+    if not problem.is_grouped:
+        return enclosed_lambda(statements, mode).plus_blocks(blocks)
+    nothing = [zeros(m, m)] if len(groups) in owners else []
+    return enclosed_lambda(statements, mode).plus_blocks([*blocks, *nothing], owners)
 
 
 def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check:

@@ -184,7 +184,10 @@ def largest_disturbance(problem: Problem) -> tuple[Fraction, ...] | None:
         return (given or _ZERO,) * problem.n
     numbers = group_numbers(problem.groups, problem.network.labels)
     pairs = list(zip(numbers, starts if len(starts) > 1 else starts * problem.n, strict=True)) if starts else []
-    known = {pair: _amplitude(problem.groups[pair[0]].exosystem, pair[1]) for pair in dict.fromkeys(pairs)}
+    known = {
+        pair: _ZERO if pair[0] == len(problem.groups) else _amplitude(problem.groups[pair[0]].exosystem, pair[1])
+        for pair in dict.fromkeys(pairs)
+    }
     found = [known[pair] for pair in pairs]
     return tuple(x for x in found if x is not None) if found and None not in found else None
 

@@ -162,7 +162,8 @@ def rows_hold(
     d, v = (_entries(each, exact=exact) for each in (D, w))
     owners = np.array(group_numbers(problem.groups, problem.network.labels), dtype=np.int64)
     slow = np.array([above(2 * rate)], dtype=object if exact else np.float64)[0]
-    weights = np.array([above(x) for x in sigma], dtype=object if exact else np.float64)[np.repeat(owners, m)]
+    of_groups = [*map(above, sigma), above(ZERO)]  # an agent without a disturbance has nothing
+    weights = np.array(of_groups, dtype=object if exact else np.float64)[np.repeat(owners, m)]
     pins = np.array([(i * m + c) for i in problem.pinning.gains for c in range(m)], dtype=np.int64)
     gains = np.array([below(2 * k[c][c]) for k in problem.pinning.gains.values() for c in range(m)], dtype=d.dtype)
     if not exact and not _keeps_digits(d, v, weights, gains, np.array([slow])):

@@ -269,7 +269,7 @@ def _scaled(
 ) -> Weighted | None:
     """The claim, its weights D small enough for the observer; of one mode perhaps those of its ``pair``."""
     owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
-    weight = np.array([float(x) for x in sigma])[owners]
+    weight = np.array([*map(float, sigma), 0.0])[owners]  # 0 for an agent without a disturbance
     D = _weights(tables, rate) if pair is None else pair.u / pair.w
     known = {} if D is None else {mode: _height(M, D, rate, pair) for mode, M in tables.items()}
     heights = {mode: found for mode, found in known.items() if found is not None}

@@ -17,7 +17,8 @@ from dobc_design.errors import SpecError, about, wrong
 from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown
 from dobc_design.problem.arcs_graphs import MATRIX_MARKET, Graph, first_word, gml, graphml, matrix_market, pajek
-from dobc_design.problem.arcs_text import KNOWN, Row, Source, csv_rows, edge_list_rows
+from dobc_design.problem.arcs_plain import PlainColumns, plain_columns
+from dobc_design.problem.arcs_text import KNOWN, Row, Source, Table, arcs_of, csv_table, edge_list_table
 from dobc_design.problem.network import (
     ONE,
     WANTED,
@@ -58,8 +59,28 @@ def read_arcs_file(
     """
     check_repairs(merge, drop_loops, key=key)
     source, path, text = _opened(name, folder=folder, key=key)
+    table = _table(path, text, source)
+    plain = None if table is None else plain_columns(text, table, source, index)
+    quick = None if plain is None else _plain_arcs(plain, source, arrow=arrow)
+    if quick is not None:
+        return quick
     rows = _graph(path, text, source, index).rows
     return _arcs(rows, source, index=index, arrow=arrow, merge=merge, drop_loops=drop_loops)
+
+
+def _plain_arcs(plain: PlainColumns, source: Source, *, arrow: str) -> Arcs | None:
+    """The arcs of plain columns; None where one is to be refused or repaired, which ``_arcs`` does line by line."""
+    a, b = plain.first, plain.second
+    if np.any(a == b) or len(repeated(a, b)):
+        return None
+    texts = plain.weights
+    if texts is None:
+        return directed(a, b, (ONE,) * len(a), arrow=arrow)
+    try:
+        known = {text: _weight(text, source, row=plain.line) for text in dict.fromkeys(texts)}
+    except SpecError:
+        return None
+    return directed(a, b, tuple(map(known.__getitem__, texts)), arrow=arrow)
 
 
 def read_network_file(
@@ -137,18 +158,27 @@ def _opened(name: str, *, folder: Path | None, key: str) -> tuple[Source, Path, 
 
 
 def _graph(path: Path, text: str, source: Source, index: Mapping[str, int]) -> Graph:
-    """What a file holds, by its suffix; .txt and edge lists may be Matrix Market or Pajek, which say so at the top."""
+    """What a file holds."""
+    table = _table(path, text, source)
+    if table is not None:
+        return Graph(labels=(), rows=arcs_of(table, source, index))
     suffix = path.suffix.lower()
     if suffix in _GRAPHS:
         return _GRAPHS[suffix](text, source)
+    return matrix_market(text, source) if first_word(text) == MATRIX_MARKET else pajek(text, source)
+
+
+def _table(path: Path, text: str, source: Source) -> Table | None:
+    """A CSV file or an edge list; None for other formats.
+
+    The suffix says which; .txt and edge lists may be Matrix Market or Pajek, which say so at the top.
+    """
+    suffix = path.suffix.lower()
     if suffix in (".csv", ".tsv"):
-        return Graph(labels=(), rows=csv_rows(text, source, index=index))
-    word = first_word(text)
-    if word == MATRIX_MARKET:
-        return matrix_market(text, source)
-    if word in ("*vertices", "*network"):
-        return pajek(text, source)
-    return Graph(labels=(), rows=edge_list_rows(text, source, index=index))
+        return csv_table(text, source)
+    if suffix in _GRAPHS or first_word(text) in (MATRIX_MARKET, "*vertices", "*network"):
+        return None
+    return edge_list_table(text, source)
 
 
 def _resolve(name: str, *, folder: Path | None, key: str) -> Path:

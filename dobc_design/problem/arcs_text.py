@@ -67,16 +67,24 @@ class Columns:
 PLAIN = Columns()  # a, b and perhaps a weight, without a header
 
 
-def csv_rows(text: str, source: Source, *, index: Mapping[str, int]) -> Iterator[Row]:
-    """The arcs of a CSV file; ``index``: the agents, where they are known.  Raises: SpecError."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """The rows of a text as they stand, the header among them, and what separates their cells (None: blanks)."""
+
+    separator: str | None
+    rows: Rows
+
+
+def csv_table(text: str, source: Source) -> Table:
+    """A CSV file.  Raises: SpecError."""
     separator = csv_separator(text, source)
-    return _arcs(lambda: _csv(text, source, separator), source, index)
+    return Table(separator=separator, rows=lambda: _csv(text, source, separator))
 
 
-def edge_list_rows(text: str, source: Source, *, index: Mapping[str, int]) -> Iterator[Row]:
-    """The arcs of an edge list, separated by blanks, tabs, commas or semicolons.  Raises: SpecError."""
+def edge_list_table(text: str, source: Source) -> Table:
+    """An edge list, separated by blanks, tabs, commas or semicolons.  Raises: SpecError."""
     separator = _edge_list_separator(text, source)
-    return _arcs(lambda: _edge_list(text, source, separator), source, index)
+    return Table(separator=separator, rows=lambda: _edge_list(text, source, separator))
 
 
 def csv_separator(text: str, source: Source) -> str:
@@ -180,16 +188,19 @@ def _weight_of(text: str, source: Source, *, row: int) -> list[str]:
     return [found["weight"]] if "weight" in found else []
 
 
-def _arcs(rows: Rows, source: Source, index: Mapping[str, int]) -> Iterator[Row]:
-    """The arcs of a table, whichever columns it has."""
-    table = rows()
-    first = next(table, None)
+def arcs_of(table: Table, source: Source, index: Mapping[str, int]) -> Iterator[Row]:
+    """The arcs of a table, whichever columns it has.  ``index``: the agents, where they are known.
+
+    Raises: SpecError.
+    """
+    rows = table.rows()
+    first = next(rows, None)
     if first is None:
         return
-    columns = find_columns(first, rows, source, index)
+    columns = find_columns(first, table.rows, source, index)
     if columns.width is None:
         yield first
-    for number, cells in table:
+    for number, cells in rows:
         yield from _in_order(number, cells, columns, source)
 
 

@@ -19,6 +19,7 @@ from dobc_design.errors import SpecError, reason_of, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import shown
+from dobc_design.problem.arrays import distinct_weights
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
 from dobc_design.problem.integrators import enclosed
@@ -79,7 +80,7 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
         "modes": [
             {"name": name, "arcs": each[: len(each) - k], **({"optional": each[len(each) - k :]} if k else {})}
             for name, arcs in problem.network.modes.items()
-            for k, each in [(arcs.optional, [[i, j, number_text(w)] for i, j, w in arcs])]
+            for k, each in [(arcs.optional, _arc_rows(arcs))]
         ],
         "coupling": {
             "h": _coupling(problem.coupling),
@@ -89,6 +90,14 @@ def canonical_document(problem: Problem) -> dict[str, Any]:
         "offsets": [[i, [number_text(x) for x in offset]] for i, offset in problem.offsets.items()],
         **converted(settings_of(problem), number_text),
     }
+
+
+def _arc_rows(arcs: Arcs) -> list[list[Any]]:
+    """[listener, speaker, weight] of every arc; arcs mostly share few weights, whose texts are made once."""
+    place, different = distinct_weights(arcs.weights)
+    texts = [number_text(weight) for weight in different]
+    weights = map(texts.__getitem__, place.tolist())
+    return list(map(list, zip(arcs.listeners.tolist(), arcs.speakers.tolist(), weights, strict=True)))
 
 
 def settings_of(problem: Problem) -> dict[str, Any]:

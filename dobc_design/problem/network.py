@@ -122,7 +122,9 @@ class Arcs:
         return all(same) and (self.weights, self.optional) == (other.weights, other.optional)
 
     def __hash__(self) -> int:
-        return hash((self.listeners.tobytes(), self.speakers.tobytes(), self.weights, self.optional))
+        # The different weights, and not all of them: a Fraction takes long to hash.
+        weights = frozenset({id(weight): weight for weight in self.weights}.values())
+        return hash((self.listeners.tobytes(), self.speakers.tobytes(), weights, self.optional))
 
 
 def joined(always: Arcs, optional: Arcs) -> Arcs:

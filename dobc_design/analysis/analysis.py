@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -67,7 +68,7 @@ class ModeMargin:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObservabilityResult:
     """Rank and singular values of the observability matrix, and the Popov-Belevitch-Hautus margin of each mode.
-    ``rank`` is numerical (python-control's matrix, NumPy's default tolerance), None if the matrix overflows; ``order``
+    ``rank`` is numerical (NumPy's default tolerance), None if the matrix overflows; ``order``
     is q."""
 
     order: int
@@ -86,13 +87,11 @@ class ObservabilityResult:
 
 def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
     """Rank, singular values and mode margins of the pair A (q, q), C (m, q) of (12).  Raises: ShapeError."""
-    import control  # takes a second to import
-
     q = require_square(A, name="A")
     require_shape(C, (None, q), name="C", because="one column per exosystem state")
     dynamics, output, rank, values = to_float(A), to_float(C), None, ()
     with np.errstate(all="ignore"):
-        matrix = np.asarray(control.obsv(dynamics, output))
+        matrix = _observability_matrix(dynamics, output)
     if np.isfinite(matrix).all():  # powers of A may overflow; the margins do not need them
         rank = int(np.linalg.matrix_rank(matrix))
         values = tuple(np.linalg.svd(matrix, compute_uv=False).tolist())
@@ -103,6 +102,14 @@ def check_observability(A: Matrix, C: Matrix) -> ObservabilityResult:
 
     modes = tuple(margin(complex(s)) for s in np.linalg.eigvals(dynamics))
     return ObservabilityResult(order=q, rank=rank, singular_values=values, modes=modes)
+
+
+def _observability_matrix(A: NDArray[np.float64], C: NDArray[np.float64]) -> NDArray[np.float64]:
+    """C, C A, ..., C A^(q-1), one below the other: what `control.obsv` gives, whose import takes half a second."""
+    blocks = [C]
+    for _ in range(1, len(A)):
+        blocks.append(blocks[-1] @ A)
+    return np.vstack(blocks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

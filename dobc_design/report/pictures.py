@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import numpy as np
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
 from dobc_design._show.text import Fragment, lower
@@ -304,8 +306,13 @@ def svg_of(picture: Picture) -> Fragment:
     """The picture as one <svg> element."""
     buffer = io.StringIO()
     with look.styled():
-        figure = Figure(figsize=(picture.width, picture.height), layout="constrained")
+        layout = ConstrainedLayoutEngine()
+        figure = Figure(figsize=(picture.width, picture.height), layout=layout)
+        FigureCanvasSVG(figure)
         picture.draw(figure.add_subplot())
+        # Matplotlib would draw everything once for the layout and once more for the file.
+        layout.execute(figure)
+        figure.set_layout_engine(None)
         figure.savefig(buffer, format="svg", metadata=look.NOTHING["svg"], transparent=True)
     return Fragment(_inline(buffer.getvalue(), name=picture.name, alt=picture.alt))
 

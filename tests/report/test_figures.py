@@ -55,6 +55,19 @@ def test_the_arrow_points_at_the_listener_and_pinned_and_unreached_agents_look_d
     assert heads.get_path().vertices[:, 0].max() < -0.5
 
 
+def test_a_figure_is_drawn_once():
+    """Matplotlib draws a figure with a layout twice when it is saved."""
+    drawn = []
+
+    def draw(ax):
+        own = ax.draw
+        ax.draw = lambda renderer: (drawn.append(renderer), own(renderer))
+        return ax.plot([0, 1], [0, 1])
+
+    assert "<path" in svg_text(draw, name="once", alt="A line.")
+    assert len(drawn) == 1
+
+
 def test_labels_lose_what_they_share():
     assert drawn_labels(["uav-1", "uav-2", "uav-12"]) == (["1", "2", "12"], "uav-")
     assert drawn_labels(["11", "12"]) == (["11", "12"], "")

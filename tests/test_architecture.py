@@ -27,7 +27,7 @@ PACKAGE = "dobc_design"
 NUMBERS, PLOTS = {"numpy", "scipy"}, {"matplotlib", "numpy"}
 THIRD_PARTY = {
     "_show": {"latex2mathml", "rich"},
-    "analysis": {"control", "networkx", *NUMBERS},
+    "analysis": set(NUMBERS),
     "certificate": {"numpy"},
     "certification": {"numpy"},
     "cli": {"packaging", "rich", "typer"},

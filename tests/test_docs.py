@@ -140,7 +140,8 @@ problems; schema; doctor; explain; explain hurwitz; check line.toml; check group
 certify line.toml --no-report; certify free.toml --no-report --theorem lemma1 --apply-fix cured.toml --search
 verify line-certificate --problem line.toml; region line.toml; region line.toml --all --search
 design line.toml --out designed.toml; design platoon --coupling --rate 0.4 --out trucks.toml
-simulate line.toml; simulate line.toml --runs 3
+simulate line.toml; simulate line.toml --runs 3; stress line.toml --noise 0.1 --runs 3
+stress line.toml --loss 0.1 --certificate line-certificate
 simulate line.toml --certificate line-certificate; sweep line.toml pinning.gains.1=1,2 --jobs 1 --out swept
 report line-certificate; new pumps; export line.toml --sdpa lmi.dat-s; export line.toml --c code --period 1/4
 export line.toml --fmu agent.fmu --period 1/4; export line.toml --python-control loop.py
@@ -188,7 +189,7 @@ def test_the_json_documents_have_the_keys_of_the_reference_and_no_others(tmp_pat
         main(["check", "nobody.toml", "--json"])
     assert set(json.loads(capsys.readouterr().out)["error"]) == {"kind", "key", "message", "cure"}
     seen |= {"A failure": set(documented["A failure"]), "A check": seen["A check"] | {"group"}}
-    seen["dobc simulate"].add("breaking")  # takes too long here
+    seen["dobc stress"].add("breaking")  # takes too long here
     seen["dobc verify"].add("rocq")  # needs coqc
     assert {heading: set(keys) for heading, keys in documented.items() if keys} == seen
 

@@ -25,7 +25,7 @@ from typer.core import TyperCommand
 from typer.main import get_command
 
 from dobc_design._signals import SENTENCE
-from dobc_design.cli import certify, design, doctor, export, new, output, report, simulate, sweep
+from dobc_design.cli import certify, design, doctor, export, new, output, report, simulate, stress, sweep
 from dobc_design.errors import CertificateError, DobcError, SpecError
 
 if TYPE_CHECKING:
@@ -190,7 +190,7 @@ def _let_coq_check(path: Path, problem: Problem) -> Judgement:
     return found
 
 
-for _command in (certify.region, design.design, simulate.simulate, report.report):
+for _command in (certify.region, design.design, simulate.simulate, stress.stress, report.report):
     app.command(cls=_Command)(_command)
 app.command(name="sweep", cls=_Command)(sweep.sweep_command)
 app.command(cls=_Command)(export.export)
@@ -252,6 +252,10 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:
     except TyperException as error:  # a wrong option or a missing argument
         context = getattr(error, "ctx", None)
         command = "dobc" if context is None else context.command_path
+        option = getattr(error, "option_name", None)
+        if command == "dobc simulate" and option in stress.MOVED:
+            message = f"{option} is no option of simulate: what a loop withstands is a command of its own, stress."
+            return failed("usage", message, f"Write `{stress.MOVED[option]}`.", output.MISTAKE, option)
         return failed("usage", error.format_message(), f"See `{command} --help`.", output.MISTAKE)
     except DobcError as error:
         status = output.MISTAKE if isinstance(error, SpecError) else output.MACHINE

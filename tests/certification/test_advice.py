@@ -1,7 +1,11 @@
 """What people write who mean something else: the message names it, and the cure works as the message writes it."""
 
+import json
+import re
+
 import numpy as np
 import pytest
+from certified import certified
 
 from dobc_design import certify
 from dobc_design.coupling.coupling import make_coupling
@@ -11,6 +15,7 @@ from dobc_design.problem.load import read_problem_text
 from dobc_design.problem.meaning import remarks
 from dobc_design.problem.problem import Problem
 from dobc_design.problem.signs import turned_text, two_sides
+from dobc_design.report.words import shown_notes
 from dobc_design.verdict import Verdict
 
 
@@ -311,3 +316,70 @@ def test_a_target_at_constant_speed_has_its_speed_as_a_state():
     still = MOVING.partition("[leader]")[0]
     assert "write target in place of [leader]" in message
     assert certify(read(f"target = 3\n{still}")).verdict is Verdict.PROVED
+
+
+LIMITED = """\
+name = "limited"
+target = [10, 0]
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+g = [[1,2],[2,1],[2,3],[3,1]]
+[dynamics]
+A = [[0, 1], [-0.1, -0.2]]
+B = [[0], [1]]
+[coupling]
+h = "20*y1 + 10*y2"
+[pinning]
+gains = { 1 = 1 }
+[actuators]
+limit = { 1 = 5, 2 = 7 }
+[simulation]
+t_final = 2
+"""
+
+
+def written_command(message: str) -> list[str]:
+    """The command between the first `dobc` and the end of its sentence, without the program's name."""
+    return re.search(r"dobc (stress FILE --\w+ [\d.]*\d)", message)[1].split()
+
+
+def test_limits_of_agents_with_dynamics_are_tried_in_runs(command_line, tmp_path):
+    message = message_of(LIMITED)
+    assert message.startswith("actuators is not known for agents with [dynamics]")
+    command = written_command(message)
+    assert command == ["stress", "FILE", "--saturation", "5"]
+    removed = LIMITED.replace("[actuators]\nlimit = { 1 = 5, 2 = 7 }\n", "")
+    assert certify(read(removed)).verdict is Verdict.PROVED
+    (tmp_path / "file.toml").write_text(removed, "utf-8")
+    code, out, _ = command_line(*[tmp_path / "file.toml" if word == "FILE" else word for word in command])
+    assert code == 0
+    assert "Stress: |u| at most 5." in out
+
+
+def test_delays_of_agents_with_dynamics_are_said_to_be_open_and_are_tried_by_sampling(command_line, tmp_path):
+    """Double integrators: proved, without a row on delays; the run with a period of 0.03 s converges."""
+    text = LIMITED.replace("A = [[0, 1], [-0.1, -0.2]]", "A = [[0, 1], [0, 0]]")
+    text = text.replace("[actuators]\nlimit = { 1 = 5, 2 = 7 }\n", "").replace("t_final = 2", "t_final = 20")
+    certificate = certify(read(text))
+    assert certificate.verdict is Verdict.PROVED
+    assert not any(check.id == "delay" for check in certificate.checks)
+    (note,) = (note for note in shown_notes(certificate) if note.startswith("No delay is certified"))
+    assert note not in certificate.claims.notes
+    command = written_command(note)
+    assert command == ["stress", "FILE", "--period", "0.03"]
+    (tmp_path / "file.toml").write_text(text, "utf-8")
+    words = [tmp_path / "file.toml" if word == "FILE" else word for word in command]
+    code, out, _ = command_line(*words, "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert "Stress: sampled every 0.03 s." in document["notes"]
+    assert document["final_error"]["max"] < 0.01
+
+
+def test_a_note_on_delays_is_shown_by_no_proof_that_has_them():
+    assert shown_notes(certified("platoon"))[-1].startswith("No delay is certified")
+    assert not any(
+        "No delay" in note for name in ("clock-sync", "paper-fixed") for note in shown_notes(certified(name))
+    )

@@ -19,7 +19,7 @@ gains = { "chef-d'équipe" = 2, "élève" = 1 }
 """
 OPTIONS = {
     "design": ["design", "star.toml", "--out", "new.toml", "--allowed", "chef-d'équipe"],
-    "agent fails": ["simulate", "star.toml", "--t-final", "2", "--fail", "élève@1"],
+    "agent fails": ["stress", "star.toml", "--t-final", "2", "--fail", "élève@1"],
     "C code": ["export", "star.toml", "--c", "code", "--period", "1/20", "--agent", "élève"],
     "FMU": ["export", "star.toml", "--fmu", "agent.fmu", "--period", "1/20", "--agent", "élève"],
     "sweep": ["sweep", "star.toml", 'pinning.gains."élève"=1,2', "--out", "cases", "--jobs", "1"],

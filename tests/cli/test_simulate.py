@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from certified import certified
+from typer.main import get_command
 
 from dobc_design import load_problem, load_trajectory, simulate
+from dobc_design.cli.main import app
 from dobc_design.plotting.look import Sheet
-from dobc_design.simulation.setting import Failure, Stress, stress_to_json
 
 DIVERGING = """\
 name = "apart"
@@ -120,17 +121,6 @@ def test_a_run_that_diverges_is_an_answer(dobc):
         (("no-such-problem",), "no-such-problem"),
         (("paper-fixed", "--out", "file"), "--out"),
         (("paper-fixed", "--out", "--json"), "--out"),
-        (("paper-fixed", "--fail", "3"), "--fail"),
-        (("paper-fixed", "--fail", "3@1:melt"), "--fail"),
-        (("paper-fixed", "--fail", "99@1"), "failures"),
-        (("paper-fixed", "--loss", "2"), "loss"),
-        (("paper-fixed", "--period", "-1"), "period"),
-        (("paper-fixed", "--noise", "nan"), "noise"),
-        (("paper-fixed", "--saturation", "0"), "saturation"),
-        (("paper-fixed", "--what-breaks-first", "--runs", 2), "--what-breaks-first"),
-        (("paper-fixed", "--what-breaks-first", "--noise", 0.1), "--what-breaks-first"),
-        (("paper-fixed", "--what-breaks-first", "--fail", "1@2"), "--what-breaks-first"),
-        (("paper-fixed", "--what-breaks-first", "--observer", "off"), "--what-breaks-first"),
     ],
 )
 def test_a_mistake_is_named_by_its_key_and_nothing_is_written(dobc, arguments, key: str):
@@ -150,19 +140,6 @@ def test_a_start_and_a_mode_can_be_given(dobc):
     assert stored.x[0].ravel().tolist() == list(range(10))
     assert stored.mode == "Gb"
     assert 'mode "Gb"' in out
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_stress_options_reach_the_run_and_are_said(dobc):
-    options = "--noise 0.01 --saturation 4 --period 0.05 --loss 0.1 --disturbance 0.1 --fail 3@1 --fail 4@1.5:freeze"
-    code, out, _ = dobc("paper-fixed", "--t-final", 2, *options.split(" "), "--out", "here")
-    assert code == 0
-    assert "agent 4 fails at 1.5 s (freeze)" in out
-    stored = load_trajectory("here/trajectory.npz")
-    failures = (Failure(agent="3", time=1.0), Failure(agent="4", time=1.5, kind="freeze"))
-    stress = Stress(noise=0.01, saturation=4, period=0.05, loss=0.1, disturbance=0.1, failures=failures)
-    assert stored.stress == stress_to_json(stress)
-    assert np.array_equal(stored.x, simulate("paper-fixed", t_final=2, stress=stress).x)
 
 
 FLOCK = """\
@@ -251,31 +228,12 @@ def test_a_certificate_that_does_not_hold_shows_nothing(dobc, proved):
         place.write_text(text, encoding="utf-8")
 
 
-def test_what_breaks_first_is_one_table_one_figure_and_one_document(dobc, proved, monkeypatch):
-    from dobc_design.simulation import breaking as room
-
-    monkeypatch.setattr(room, "OPTIONS", ("noise", "period"))
-    monkeypatch.setattr(room, "BISECTIONS", 5)
-    code, out, _ = dobc(
-        "ring.toml", "--what-breaks-first", "--t-final", 1.5, "--certificate", proved, "--out", "here", "--json"
-    )
-    document = json.loads(out)
-    breaking = document["breaking"]
-    assert code == 0
-    assert set(document) >= {"runs", "diverged", "final_error", "settling_time", "decay_rate", "files"}
-    assert [each["option"] for each in breaking["sweeps"]] == breaking["order"] == ["noise", "period"]
-    assert 0 < breaking["period"]["certified"] < breaking["period"]["converges"] < breaking["period"]["fails"]
-    assert sorted(path.name for path in Path("here").iterdir()) == ["breaking.svg", "summary.json"]
-    assert json.loads(Path("here/summary.json").read_text("utf-8")) == document
-    assert "longest that works" in Path("here/breaking.svg").read_text("utf-8")
-    assert dobc("ring.toml", "--what-breaks-first", "--t-final", 1.5, "--out", "here")[0] == 2
-    monkeypatch.setattr(room, "OPTIONS", ("period",))
-    _, out, _ = dobc("ring.toml", "--what-breaks-first", "--t-final", 1.5, "--certificate", proved)
-    assert re.search(r"Sampling period: converges at 0\.25\d* s, no longer at 0\.25\d* s; certified up to 0\.13", out)
-
-
-def test_a_run_that_no_certificate_is_about_gets_a_note_in_place_of_a_bound(dobc, proved):
-    code, out, _ = dobc("ring.toml", "--t-final", 1, "--noise", 0.1, "--certificate", proved, "--json")
-    document = json.loads(out)
-    assert (code, document["certified"]) == (0, None)
-    assert "No certified bound: no certificate is about a loop under stress." in document["notes"]
+@pytest.mark.parametrize("option", ["--noise", "--saturation", "--loss", "--fail", "--worst", "--what-breaks-first"])
+def test_an_option_that_moved_names_the_command_that_has_it_and_that_command_has_it(dobc, option: str):
+    code, out, _ = dobc("paper-fixed", option, "1", "--json")
+    error = json.loads(out)["error"]
+    assert (code, error["kind"], error["key"]) == (2, "usage", option)
+    written = re.fullmatch(r"Write `dobc (stress) FILE ?(--\w+)?`\.", error["cure"])
+    command = get_command(app).commands[written[1]]
+    known = {name for each in command.params for name in each.opts}
+    assert written[2] in known or (written[2] is None and option == "--what-breaks-first")

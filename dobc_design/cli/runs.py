@@ -1,0 +1,219 @@
+"""What ``dobc simulate`` and ``dobc stress`` share: options of runs, the document that --json prints, and the files.
+
+An ensemble of one run is a trajectory.  A run that diverges is an answer, not a failure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from dobc_design.cli import output
+from dobc_design.errors import SpecError
+
+if TYPE_CHECKING:
+    from dobc_design.certificate.certificate import Certificate
+    from dobc_design.problem.problem import Problem
+    from dobc_design.simulation.runs import Ensemble
+    from dobc_design.simulation.setting import Stress
+    from dobc_design.simulation.trajectory import Trajectory
+
+SUMMARY, FIGURE, NETWORK, BREAKING = "summary.json", "simulation.svg", "network.html", "breaking.svg"
+TRAJECTORY, ENSEMBLE = "trajectory.npz", "ensemble.npz"
+WRITTEN = (TRAJECTORY, ENSEMBLE, FIGURE, NETWORK, BREAKING, SUMMARY)  # all that a run may write
+MOST_MOVING = 200  # agents whose motion is drawn
+SHOWN = 5  # reasons for early ends that are printed
+OBSERVER = "closed-form"
+
+Files = dict[str, bytes]  # by their names in --out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Runs:
+    """Which runs are made, and how."""
+
+    runs: Annotated[int | None, typer.Option(help="How many runs, with the seeds S, S + 1, ...")] = None
+    seed: Annotated[int | None, typer.Option(help="Seed of starts and switches; default the problem's.")] = None
+    t_final: Annotated[float | None, typer.Option("--t-final", help="Horizon in s; default the problem's.")] = None
+    mode: Annotated[str | None, typer.Option(help="Stay in this mode, whatever [switching] says.")] = None
+    start: Annotated[str | None, typer.Option(help="Start from a CSV or .npz file.")] = None
+    observer: Annotated[
+        str, typer.Option(help="closed-form, full-loop (the reference), or off: d is not compensated.")
+    ] = OBSERVER
+
+    @property
+    def single(self) -> bool:
+        """Whether one run is made, a trajectory."""
+        return self.runs in (None, 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What is shown of the runs, and where it goes."""
+
+    certificate: Annotated[Path | None, typer.Option(help="Show the bounds that this certificate proves.")] = None
+    out: Annotated[Path | None, typer.Option(help="Folder for arrays (.npz), figures and summary.json.")] = None
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files in --out.")] = False
+    quiet: output.Quiet = False
+    verbose: output.Verbose = False
+    as_json: output.Json = False
+
+    def __post_init__(self) -> None:
+        output.refuse_option(self.out, key="--out")
+
+    def progress(self) -> output.Progress:
+        """Names the stages."""
+        return output.Progress(quiet=self.quiet, verbose=self.verbose)
+
+    def require_free(self) -> None:
+        """Refuse a folder that has files of runs already, unless they may be replaced."""
+        if self.out is not None:
+            folder = output.require_folder(self.out)
+            output.require_free(folder, WRITTEN, force=self.force, other=", or choose another folder")
+
+    def proof(self, problem: Problem, progress: Callable[[str], None]) -> Certificate | None:
+        """The certificate whose bounds are shown, verified."""
+        return None if self.certificate is None else _verified(self.certificate, problem, progress)
+
+    def write(self, document: dict[str, Any], names: Sequence[str], draw: Callable[[], Files]) -> None:
+        """Write what ``draw`` gives and the document, all of it or nothing; without a folder nothing is drawn."""
+        from dobc_design.certificate.files import make_folder, write_together
+
+        document["files"] = [] if self.out is None else [str(self.out / name) for name in names]
+        if self.out is None:
+            return
+        made = draw() | {SUMMARY: output.json_bytes(document)}
+        make_folder(self.out)
+        whole = {self.out / name: data for name, data in made.items()}
+        write_together(whole, without=[self.out / name for name in WRITTEN])
+
+    def say(self, document: dict[str, Any], text: str, names: Sequence[str]) -> None:
+        """Print the document, or the text with its notes and files."""
+        if self.as_json:
+            output.print_json(document)
+        elif not self.quiet:
+            notes = [f"  Note: {note}" for note in document["notes"]]
+            files = [f"wrote {path}" for path in document["files"]] or [f"Add --out FOLDER for {', '.join(names)}."]
+            output.say("\n".join([text, *notes, *files]))
+
+
+def make_runs(file: str, runs: Runs, answer: Answer, *, stress: Stress | Literal["worst"] | None = None) -> None:
+    """Make the runs, write their files, and say what came of them."""
+    from dobc_design.problem.load import load_problem
+    from dobc_design.simulation.runs import simulate
+
+    with answer.progress() as progress:
+        problem = load_problem(file)
+        moving = (NETWORK,) if runs.single and problem.m > 1 and problem.n <= MOST_MOVING else ()
+        names = (TRAJECTORY if runs.single else ENSEMBLE, SUMMARY, FIGURE, *moving)
+        answer.require_free()
+        proof = answer.proof(problem, progress)
+        progress("simulating")
+        result: Any = simulate(
+            problem,
+            runs=None if runs.single else runs.runs,
+            mode=runs.mode,
+            start=runs.start,
+            t_final=runs.t_final,
+            seed=runs.seed,
+            observer=runs.observer,
+            stress=stress,
+            progress=lambda part: progress(f"simulating, {part:.0%}"),
+        )
+        document = _document(result, problem, proof, single=runs.single)
+
+        def draw() -> Files:
+            progress("writing")
+            made = {names[0]: result.to_bytes(), FIGURE: result.plot(certificate=proof).file("svg")}
+            if NETWORK in names:
+                made[NETWORK] = _moving_network(result, problem)
+            return made
+
+        answer.write(document, names, draw)
+    answer.say(document, _words(result, document), names)
+
+
+def _moving_network(result: Trajectory, problem: Problem) -> bytes:
+    """The page on which the run moves through the network."""
+    from dobc_design.plotting.animation import animation_page
+
+    modes = problem.network.modes.items()
+    arcs = {name: list(zip(x.listeners.tolist(), x.speakers.tolist(), strict=True)) for name, x in modes}
+    return animation_page(result, arcs=arcs).encode("utf-8")
+
+
+def _document(result: Any, problem: Problem, proof: Certificate | None, *, single: bool) -> dict[str, Any]:
+    """What --json prints of runs, with what the certificate bounds; a note where it bounds nothing here."""
+    notes = list(result.notes)
+    document: dict[str, Any] = result.summary() | {"problem": problem.name, "mode": result.mode}
+    document |= {"reasons": _reasons(result), "notes": notes}
+    if proof is not None:
+        from dobc_design.plotting.look import RESOLVED
+
+        bound = proof.envelope(result)
+        document["certified"] = None
+        if bound.sources:
+            first, last = (float(x) for x in bound([0.0, result.t_final]))
+            document["certified"] = {"sources": list(bound.sources), "final_error": last}
+            if last < RESOLVED * first:
+                notes.append("The certified bound falls below what the integration resolves.")
+        else:
+            notes.append(f"No certified bound: {bound.reason}.")
+    if not single:  # confidence intervals at 95 %; null where there are too few runs, or no bound
+        document["intervals"] = {
+            name: None if interval is None or interval[1] == float("inf") else list(interval)
+            for name, interval in result.intervals(0.95).items()
+        }
+    return document
+
+
+def _verified(place: Path, problem: Problem, progress: Callable[[str], None]) -> Certificate:
+    """The certificate at ``place``, every claim decided again.  Raises: SpecError unless all of them hold."""
+    from dobc_design.certificate.certificate import Certificate
+    from dobc_design.conditions.observer.propose import observer_gain
+
+    progress("verifying the certificate")
+    claims = output.read_claims(place, problem)
+    if claims.W is not None and observer_gain(problem) != claims.W:
+        message = "the certificate is about another observer gain W than the one that is designed here."
+        cure = "Certify the problem anew, or give the W of the certificate in [observer]."
+        raise SpecError(message, key="--certificate", cure=cure)
+    return Certificate(problem=problem, claims=claims)
+
+
+def _reasons(result: Trajectory | Ensemble) -> list[dict[str, Any]]:
+    """Why runs ended early, by seed."""
+    from dobc_design.simulation.trajectory import Trajectory
+
+    if isinstance(result, Trajectory):
+        return [{"seed": result.seed, "reason": result.reason}] if result.diverged else []
+    return [{"seed": int(result.seeds[run]), "reason": reason} for run, reason in result.reasons.items()]
+
+
+def _words(result: Trajectory | Ensemble, document: dict[str, Any]) -> str:
+    lines = [str(result)]
+    for name, title, unit, nothing in (
+        ("final_error", "final |e|_inf", "", "unknown"),
+        ("settling_time", "settled to 1 % after", " s", "never"),
+        ("decay_rate", "decay rate", " 1/s", "unknown"),
+    ):
+        values = document[name] if document["runs"] > 1 else {"": document[name]["median"]}
+        named = [f"{each} {nothing if value is None else f'{value:.4g}{unit}'}" for each, value in values.items()]
+        lines.append(f"  {title:<22} {', '.join(named).strip()}")
+    for name, interval in document.get("intervals", {}).items():
+        words = f"no confidence interval with {document['runs']} runs"
+        if interval is not None:
+            words = f"{interval[0]:.4g} to {interval[1]:.4g}, with 95 % confidence"
+        lines.append(f"  {name.replace('_', ' '):<22} {words}")
+    if document.get("certified"):
+        final, sources = document["certified"]["final_error"], ", ".join(document["certified"]["sources"])
+        lines.append(f"  {'certified':<22} final |e|_inf <= {final:.4g}, by {sources}")
+    reasons = document["reasons"]
+    lines += [f"  seed {each['seed']}: {each['reason']}." for each in reasons[:SHOWN]]
+    if len(reasons) > SHOWN:
+        lines.append(f"  ... and {len(reasons) - SHOWN} more.")
+    return "\n".join(lines)

@@ -1,0 +1,124 @@
+"""``dobc stress``: what breaks the closed loop first, or runs under a stress that is given.
+
+A stress is what the theorems leave out; nothing here is a proof.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from dobc_design.cli import output
+from dobc_design.cli.options import in_groups
+from dobc_design.cli.runs import BREAKING, OBSERVER, SUMMARY, Answer, Files, Runs, make_runs
+from dobc_design.errors import SpecError
+
+if TYPE_CHECKING:
+    from dobc_design.certificate.certificate import Certificate
+    from dobc_design.problem.problem import Problem
+    from dobc_design.simulation.setting import Failure, Stress
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stresses:
+    """What acts on the loop; what is not given does not."""
+
+    noise: Annotated[float | None, typer.Option(help="Standard deviation of measured states.")] = None
+    disturbance: Annotated[float | None, typer.Option(help="Amplitude of a sine outside the exosystem.")] = None
+    saturation: Annotated[float | None, typer.Option(help="Bound on every component of u.")] = None
+    period: Annotated[float | None, typer.Option(help="Period in s of sample and hold.")] = None
+    loss: Annotated[float | None, typer.Option(help="Probability that a packet is lost.")] = None
+    fail: Annotated[list[str] | None, typer.Option(help="LABEL@TIME or LABEL@TIME:freeze; may be repeated.")] = None
+    worst: Annotated[
+        bool, typer.Option("--worst", help="As bad as [uncertainty], [actuators] and the guarantee allow.")
+    ] = False
+
+    def chosen(self) -> Stress | Literal["worst"] | None:
+        """The stress that the options describe; None where none of them is given.  Raises: SpecError."""
+        from dobc_design.simulation.setting import Stress
+
+        given: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self) if each.name != "worst"}
+        given = {name: value for name, value in given.items() if value not in (None, [])}
+        if self.worst:
+            if given:
+                message = "--worst must be the only stress: it takes all of them from the problem."
+                raise SpecError(message, key="--worst", cure="Leave the others out.")
+            return "worst"
+        if not given:
+            return None
+        failures = tuple(_failure(text) for text in given.pop("fail", ()))
+        return Stress(**given, failures=failures)
+
+
+#: Options that ``simulate`` had: what to type now.
+MOVED = {f"--{each.name}": f"dobc stress FILE --{each.name}" for each in fields(Stresses)}
+MOVED["--what-breaks-first"] = "dobc stress FILE"
+
+
+@in_groups
+def stress(file: output.File, stresses: Stresses, runs: Runs, answer: Answer) -> None:
+    """Find what breaks the loop first; with --noise, --saturation, --worst, ... simulate it under that stress."""
+    chosen = stresses.chosen()
+    if chosen is None:
+        _break(file, runs, answer)
+    else:
+        make_runs(file, runs, answer, stress=chosen)
+
+
+def _break(file: str, runs: Runs, answer: Answer) -> None:
+    """Make every stress worse until the loop no longer converges."""
+    from dobc_design.problem.load import load_problem
+    from dobc_design.simulation.breaking import what_breaks_first
+    from dobc_design.simulation.signals import Fixed
+
+    unfit = "--observer" if runs.observer != OBSERVER else None if runs.single else "--runs"
+    if unfit is not None:
+        message = f"{unfit} needs a stress: without one every stress is made worse, in runs of its own."
+        raise SpecError(message, key=unfit, cure=f"Add one, such as --noise 0.1, or leave {unfit} out.")
+    names = (BREAKING, SUMMARY)
+    with answer.progress() as progress:
+        problem = load_problem(file)
+        answer.require_free()
+        proof = answer.proof(problem, progress)
+        progress("what breaks first")
+        found = what_breaks_first(
+            problem,
+            signal=None if runs.mode is None else Fixed(mode=runs.mode),
+            start=runs.start,
+            t_final=runs.t_final,
+            seed=runs.seed,
+            certificate=proof,
+            progress=lambda part: progress(f"what breaks first, {part:.0%}"),
+        )
+        document = _document(found, problem, proof)
+
+        def draw() -> Files:
+            progress("writing")
+            return {BREAKING: found.plot().file("svg")}
+
+        answer.write(document, names, draw)
+    answer.say(document, str(found), names)
+
+
+def _failure(text: str) -> Failure:
+    """An agent that fails, as --fail says it.  Raises: SpecError."""
+    from dobc_design.simulation.setting import Failure
+
+    agent, found, when = text.rpartition("@")
+    time, _, kind = when.partition(":")
+    try:
+        return Failure(agent=agent, time=float(time if found else "none"), kind=kind or "vanish")
+    except ValueError:  # also a SpecError of Failure
+        message = f"--fail must be LABEL@TIME or LABEL@TIME:freeze; got {text[:40]!r}."
+        raise SpecError(message, key="--fail", cure="For example 3@2.5.") from None
+
+
+def _document(found: Any, problem: Problem, proof: Certificate | None) -> dict[str, Any]:
+    """What --json prints of what breaks the loop first, with the certified sampling period beside."""
+    notes = list(found.calm.notes)
+    if proof is not None and found.period is not None and found.period.certified is None:
+        notes.append("The certificate proves no sampling period.")
+    document: dict[str, Any] = found.calm.summary() | {"problem": problem.name, "mode": found.calm.mode}
+    return document | {"notes": notes, "breaking": found.to_json()}

@@ -32,7 +32,7 @@ from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, error_sizes
 from dobc_design.conditions.separable.coordinates import enclosed_ranges, slowest_row
 from dobc_design.conditions.separable.propose import field_of, least_solution, solved
-from dobc_design.conditions.separable.propose_coordinates import Agents, candidates, in_floats
+from dobc_design.conditions.separable.propose_coordinates import Agents, Gains, candidates, in_floats
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import largest_claim, separable_stage
 from dobc_design.exact.interval import UndefinedError
@@ -57,6 +57,7 @@ DEEPEST, HIGHEST = 1e-4, 0.98  # parts of rho between which the lowest level is 
 SLOW: Final = Fraction(1, 10**7)  # the rate of a stage, as a part of b_i/(level v_i)
 LEAST, NEAR = 1e-3, 1e-6  # the first guess of v, as a part of what b_i does to an agent alone; where slopes are taken
 V_DIGITS: Final = 12
+CHOICES, SETTLED = 30, 1e-9  # choices of rows at most; of v, when none of them changes any more
 SLACK: Final = 1e-5  # of the largest input, for rows in which nothing acts
 MOST_COORDINATES: Final = 3  # in which rows are decided
 
@@ -202,9 +203,17 @@ def accuracy_stage(
         claims = _turned if turned else _claims
         first = next(claims(problem, W, peaks, checks, domain), None)
     if first is None:
-        reason = "no box is found that shrinks under the inputs of [uncertainty]: they are too large for these gains."
-        return [undecided_check(ID, domain, reason)]
+        return [undecided_check(ID, domain, _not_found(problem))]
     return [first]
+
+
+def _not_found(problem: Problem) -> str:
+    """What is said where the search found nothing: of linear couplings bounds scale with the inputs, so that these
+    cannot be too large."""
+    what = "no box is found that shrinks under the inputs of [uncertainty]"
+    if problem.is_linear:
+        return f"{what}: the search for its weights failed. The loop is linear, so that it is not their size."
+    return f"{what}: they may be too large for these gains, or the search may have missed it."
 
 
 def _claims(
@@ -238,19 +247,17 @@ def _turned(
     """The same in coordinates: of linear couplings those with the smallest bounds, else the boxes that max-separable
     proves in its own."""
     if problem.is_linear:
-        for T, v in _near(problem, peaks)[:MOST_COORDINATES]:
+        near = _near(problem, peaks)[:MOST_COORDINATES]
+        for T, v in chain(near, _proved_weights(problem, W, checks, domain)):
             stages = tuple(propose_turned(problem, peaks, T, v, None))[-1:]
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, T=T)
             yield from _proved(problem, W, claim, "global", domain)
         return
-    known = next((check for check in checks if check.id == "max-separable"), None)
-    if known is None or known.verdict is not Verdict.PROVED:
-        known = separable_stage(read_region(problem, W, domain=domain, everything=True), lambda _: None)[0]
+    known = _separable(problem, W, checks, domain)
     base = known.claim
     if not isinstance(base, Separable) or base.rho is None or isinstance(known.domain, str):
         return
-    T, copies = base.T or identity(problem.m), range(1 if base.T else problem.m)  # by component |e_ic| <= v_i
-    v = tuple(x for x in base.v for _ in copies)
+    T, v = _in_coordinates(base, problem.m)
     for part in PARTS:
         radius, disturbance = (decimal_below(claimed(known.domain[x]) * part) for x in ("radius", "disturbance"))
         with at_most(STAGE), surviving("no final bounds in coordinates", UndefinedError):
@@ -258,6 +265,30 @@ def _turned(
             stages = tuple(islice(inwards, MOST_STAGES))
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=base.error, T=T)
             yield from _proved(problem, W, claim, starts_in("box", radius, disturbance), domain)
+
+
+def _separable(problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str) -> Check:
+    """The check max-separable: that of ``checks`` where it is proved, else what is found for every start."""
+    known = next((check for check in checks if check.id == "max-separable"), None)
+    if known is not None and known.verdict is Verdict.PROVED:
+        return known
+    return separable_stage(read_region(problem, W, domain=domain, everything=True), lambda _: None)[0]
+
+
+def _in_coordinates(base: Separable, m: int) -> tuple[Matrix, Vector]:
+    """T and v (n m,) of a claim; by component |e_ic| <= v_i and T = I."""
+    if base.T is not None:
+        return base.T, tuple(base.v)
+    return identity(m), tuple(x for x in base.v for _ in range(m))
+
+
+def _proved_weights(
+    problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str
+) -> Iterator[tuple[Matrix, Vector]]:
+    """Coordinates and weights of a max-separable proof, whose rows hold strictly: some multiple of them does."""
+    base = _separable(problem, W, checks, domain).claim
+    if isinstance(base, Separable):
+        yield _in_coordinates(base, problem.m)
 
 
 def _near(problem: Problem, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
@@ -270,12 +301,33 @@ def _near(problem: Problem, peaks: Peaks | None) -> list[tuple[Matrix, Vector]]:
     for T in candidates(agents, gains):
         if T is not None and T not in found:
             acts = np.array([float(x) for x in load_in_coordinates(problem, peaks, T)])
-            v = solved(agents.rows(to_float(T), gains, ones)[1], acts + np.max(acts) * SLACK, ones.ravel() > 0)
-            if v is not None and np.all(v > 0):
+            v = _least_weights(agents, to_float(T), gains, acts + np.max(acts) * SLACK)
+            if v is not None:
                 weights = tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
                 sizes = np.array([[float(x) for x in each] for each in error_sizes(T, weights)])
                 found[T] = float(np.sum(np.log(sizes))), weights
     return [(T, found[T][1]) for T in sorted(found, key=lambda T: found[T][0])]
+
+
+def _least_weights(agents: Agents, T: Array, gains: Gains, acts: Array) -> Array | None:
+    """The v (n m,) at which the largest row of every component is -acts, or None.
+
+    Rows are chosen at the last v, and v solves the chosen ones: with optional arcs another row may be the largest
+    there.  It rises from step to step (policy iteration) where the first v makes all rows fall, as ones often do, and
+    as the v with the best rate does where there is one.
+    """
+    starts = [np.ones((agents.size, agents.problem.m)), *(v for _, v in agents.vectors(T, gains)[-1:])]
+    for start in starts:
+        v = start
+        for _ in range(CHOICES):
+            u = solved(agents.rows(T, gains, v)[1], acts, np.ones(v.size, dtype=bool))
+            if u is None or not np.all(u > 0):
+                break
+            u = u.reshape(v.shape)
+            if np.allclose(u, v, rtol=SETTLED, atol=0):
+                return np.ravel(u)
+            v = u
+    return None
 
 
 def propose_turned(

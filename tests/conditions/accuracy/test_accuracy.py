@@ -23,6 +23,7 @@ from dobc_design.exact.matrix import matrix, multiply
 from dobc_design.exact.peaks import peak_gains
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
+from dobc_design.problem.load import read_problem_text
 
 certify = cache(certified)
 PAPER = load_problem("paper-fixed")
@@ -165,6 +166,127 @@ def test_inputs_too_large_for_the_gains_are_undecided():
     problem = linear_problem(2, {"a": [(1, 0, "1")]}, {"1": "4"}).replace(coupling="tanh(y)")
     assert row(problem.replace(uncertainty={"disturbance": "3"})).verdict is Verdict.UNDECIDED
     assert row(problem.replace(uncertainty={"disturbance": "1/10"})).verdict is Verdict.PROVED
+
+
+LAGS = """
+[network]
+agents = 2
+arrow = "listens_to"
+[network.modes.G]
+arcs = [[2, 1, "1/10"]]
+optional = [[1, 2, 5]]
+[dynamics]
+A = [["-1/20"]]
+B = [[1]]
+[coupling]
+h = "y"
+[pinning]
+gains = { 1 = 1, 2 = "1/20" }
+[uncertainty]
+disturbance = 0.1
+"""
+FOLLOWERS = """
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes.G]
+arcs = [[2, 1], [3, 2]]
+optional = [[3, 1], [2, 3]]
+[dynamics]
+A = [[0, 1], [0, -4]]
+B = [[0], [1]]
+[coupling]
+h = "y1"
+[pinning]
+gains = { 1 = [[1, 1]] }
+[uncertainty]
+disturbance = 0.1
+drift = 0.05
+[exosystem]
+constant = true
+[observer]
+W = [[2]]
+[leader]
+initial = [[-1, 1], [-1, 1]]
+"""
+BEHIND_A_LEADER = """
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes.A]
+arcs = [[1, 2, "27/20"], [2, 1, "9/10"], [3, 2, "7/5"]]
+optional = [[3, 1, "19/10"]]
+[dynamics]
+A = [[0, 1], ["-9/20", "-1/4"]]
+B = [[0], [1]]
+[leader]
+initial = [[-1, 1], [-1, 1]]
+[coupling]
+h = ["(8/5)*y1 + (14/5)*y2"]
+[pinning]
+gains = { 1 = [["28/5", "49/5"]], 3 = [["42/25", "147/50"]] }
+[exosystem]
+A = [[0, "7/4"], ["-7/4", 0]]
+C = [[1, 0]]
+[observer]
+W = [["13/10"], ["-1/20"]]
+[uncertainty]
+disturbance = "37/100"
+drift = "11/50"
+"""
+
+
+def test_bounds_of_two_lags_with_an_optional_arc_have_closed_forms():
+    """The arc that agent 1 may hear is the worst where v_2 > v_1: 21/20 v_1 = 5 (v_2 - v_1) + 1/10 and v_2/10 =
+    (v_1 - v_2)/10 + 1/10, that is 52/71 and 123/142.  With the arc always absent v_1 is 2/21."""
+    problem = read_problem_text(LAGS.encode(), folder=None)
+    check = row(problem)
+    assert check.verdict is Verdict.PROVED, check.reason
+    for label, exact in (("1", 52 / 71), ("2", 123 / 142)):
+        (bound,) = check.claim.bounds[label]
+        assert exact <= bound <= 1.0001 * exact
+    assert certify(problem).verdict is Verdict.PROVED
+    assert both(problem, lambda exact: None) == (True, True)
+    assert both(problem, scaled(["stages", 0, "level"], "0.999")) == (False, False)
+
+
+@pytest.mark.parametrize("text", [FOLLOWERS, BEHIND_A_LEADER])
+def test_agents_with_optional_arcs_behind_a_leader_have_bounds(text: str):
+    problem = read_problem_text(text.encode(), folder=None)
+    assert certify(problem).verdict is Verdict.PROVED
+    assert row(problem).domain == "global"
+    assert both(problem, lambda exact: None) == (True, True)
+    assert both(problem, scaled(["stages", 0, "level"], "0.9")) == (False, False)
+
+
+MIXED = """
+target = [0, 0]
+[network]
+agents = 4
+arrow = "listens_to"
+[network.modes]
+A = [[1, 2, 1], [2, 4, 1], [3, 1, 1], [3, 4, 1], [4, 1, "11/20"], [4, 3, "5/4"]]
+[coupling]
+h = ["(27/20)*y1 + (-7/20)*y2", "(9/20)*y1 + (37/20)*y2"]
+[[coupling.exceptions]]
+arcs = [[2, 4]]
+h = ["(19/10)*y1 + (3/20)*y2", "(-2/5)*y1 + (5/4)*y2"]
+[pinning]
+gains = { 1 = [["27/10", "-1/20"], ["1/4", "5/4"]] }
+[uncertainty]
+disturbance = "9/25"
+"""
+
+
+def test_a_stable_linear_loop_is_never_told_that_its_disturbance_is_too_large():
+    """No coordinates make its rows dominant, whatever the disturbance is."""
+    certificate = certify(read_problem_text(MIXED.encode(), folder=None))
+    accuracy = next(check for check in certificate.checks if check.id == "accuracy")
+    assert accuracy.verdict is Verdict.UNDECIDED
+    for reason in (accuracy.reason, certificate.reason):
+        assert "The loop is linear, so that it is not their size" in reason
+        assert "too large" not in reason
+        assert "smaller" not in reason
 
 
 def scaled(path: list[Any], factor: str) -> Any:

@@ -137,6 +137,7 @@ initial_disturbance = 1
 #: Every command, with what is needed to see all keys of its document; the first file is LINE, the second lacks its pin.
 COMMANDS = """
 problems; schema; doctor; explain; explain hurwitz; check line.toml; check groups.toml --canonical problem.json
+check alone.toml
 certify line.toml --no-report; certify free.toml --no-report --theorem lemma1 --apply-fix cured.toml --search
 verify line-certificate --problem line.toml; region line.toml; region line.toml --all --search
 design line.toml --out designed.toml; design platoon --coupling --rate 0.4 --out trucks.toml
@@ -169,6 +170,8 @@ def test_the_json_documents_have_the_keys_of_the_reference_and_no_others(tmp_pat
     Path("free.toml").write_text(LINE.replace("gains = { 1 = 2 }", "").replace("line", "free"), "utf-8")
     own = 'C = [[1]]\n[[exosystem.groups]]\nagents = [3]\nkind = "ramp"\n'
     Path("groups.toml").write_text(LINE.replace("C = [[1]]\n", own), "utf-8")
+    one = '[[exosystem.groups]]\nagents = [3]\nkind = "ramp"\n'
+    Path("alone.toml").write_text(LINE.replace("A = [[0]]\nC = [[1]]\n", one), "utf-8")
     documented, seen = keys_of_documents(), {}
 
     def look(heading: str, document: dict[str, object]) -> None:

@@ -51,7 +51,8 @@ def _about_limits(problem: Problem, reached: Mapping[str, float]) -> Iterator[st
     if table is None:
         return
     stated = None if table.amplitude is None or not problem.groups else nearest(table.amplitude)
-    named = {} if stated is None else dict.fromkeys(problem.network.labels, stated)
+    disturbed = [label for label in problem.network.labels if label not in set(problem.undisturbed)]
+    named = {} if stated is None else dict.fromkeys(disturbed, stated)
     for amplitudes, source in ((named, "actuators.amplitude"), (reached, "from simulation.xi0")):
         tight = _within(table, amplitudes)
         if tight:

@@ -398,10 +398,10 @@ class Problem(Shown):
             facts += [(f"{name}{of}", value) for name, value in group._card().facts]
         # They are about problems.
         from dobc_design.problem.contradictions import warnings
-        from dobc_design.problem.meaning import disturbance_words, remarks, time_words
-        from dobc_design.problem.words import table_words
+        from dobc_design.problem.meaning import remarks, time_words
+        from dobc_design.problem.words import disturbance_facts, table_words
 
-        facts += [("disturbance", disturbance_words(self, group)) for group in self.groups[:MOST_ITEMS]]
+        facts += disturbance_facts(self)
         facts += [("time scales", times)] if (times := time_words(self)) else []
         facts += [("leader", self.leader)] if self.leader else []
         facts += table_words(self)

@@ -186,13 +186,18 @@ def gain_text(gain: Matrix) -> str:
 
 def meaning_lines(problem: Problem) -> list[str]:
     """The disturbance and the time scales, what does not fit together, and what looks like a slip."""
-    lines = [
-        f"Disturbance{_of(problem, each)}: {disturbance_words(problem, each)}." for each in problem.groups[:LISTED]
-    ]
-    if problem.undisturbed:
-        lines.append(f"Disturbance of {some(problem.undisturbed, LISTED)}: none.")
+    lines = [f"{name[0].upper()}{name[1:]}: {words}." for name, words in disturbance_facts(problem)]
     lines += [f"Time scales near the target: {times}."] if (times := time_words(problem)) else []
     return [*lines, *caution_lines(problem)]
+
+
+def disturbance_facts(problem: Problem) -> list[tuple[str, str]]:
+    """Whose disturbance it is, and its parts in words."""
+    groups = problem.groups[:LISTED]
+    found = [(f"disturbance{_of(problem, group)}", disturbance_words(problem, group)) for group in groups]
+    if problem.undisturbed:
+        found.append((f"disturbance of {some(problem.undisturbed, LISTED)}", "none"))
+    return found
 
 
 def caution_lines(problem: Problem) -> list[str]:

@@ -383,3 +383,29 @@ def test_a_note_on_delays_is_shown_by_no_proof_that_has_them():
     assert not any(
         "No delay" in note for name in ("clock-sync", "paper-fixed") for note in shown_notes(certified(name))
     )
+
+
+ONE_DISTURBED = """\
+name = "one-disturbed"
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+g = [[1,2],[2,1],[2,3],[3,2]]
+[coupling]
+h = "4*y"
+[pinning]
+gains = { 1 = 1 }
+[exosystem]
+[[exosystem.groups]]
+agents = [2]
+frequencies = 1
+"""
+
+
+def test_agents_in_no_group_have_no_disturbance_and_the_words_say_so():
+    problem = read(ONE_DISTURBED)
+    assert "Disturbance of 2: sine of 1 rad/s" in str(problem)
+    assert "Disturbance of 1, 3: none." in str(problem)
+    assert "disturbance of 1, 3" in problem._repr_html_()
+    assert certify(problem).verdict is Verdict.PROVED

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from dobc_design import Exosystem, Network, Observer, Problem, Switching, exosystems
+from dobc_design import Exosystem, Group, Network, Observer, Problem, Switching, exosystems
 from dobc_design.problem.contradictions import warnings
 from dobc_design.problem.load import builtin_names, load_problem
 
@@ -124,6 +124,16 @@ def test_the_bound_of_runs_is_that_of_the_agent_that_is_disturbed_most():
     given = {"exosystem": exosystem, "simulation": {"xi0": rows}, "actuators": {"limit": 5}, "region": None}
     (warning,) = warnings(Problem(**SOUND | given))
     assert "The actuator limit 5 of agent 2 is below the disturbance, which reaches 6" in warning
+
+
+def test_an_agent_without_a_disturbance_needs_no_room_for_one():
+    """Agent 2 alone is disturbed: by the stated amplitude, or from its start, of amplitude 5."""
+    given: dict[str, Any] = {"exosystem": None, "groups": [Group(agents=[2], exosystem=SINE)], "region": None}
+    (stated,) = warnings(Problem(**SOUND | given | {"actuators": {"limit": 1, "amplitude": 2}}))
+    assert "The actuator limit 1 of agent 2 is below the disturbance, which reaches 2 (actuators" in stated
+    started = given | {"actuators": {"limit": 1}, "simulation": {"xi0": [[], [3, 4], [], []]}}
+    (warning,) = warnings(Problem(**SOUND | started))
+    assert "The actuator limit 1 of agent 2 is below the disturbance, which reaches 5 (from" in warning
 
 
 def test_warnings_come_before_remarks_and_in_every_view():

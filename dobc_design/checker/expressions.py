@@ -117,11 +117,16 @@ class Step(NamedTuple):
     value: Any = None
 
 
+LONGEST = 2000  # characters of an expression of the problem
+LONGEST_MADE = 20 * LONGEST  # and of one that is made of it, f(target + e) - f(target)
+
+
 class Expression:
     """An expression in the given variables, as it is written."""
 
-    def __init__(self, source: str, names: list[str]) -> None:
-        need(re.fullmatch(r"[a-zE0-9.+*/(), -]{1,2000}", source) is not None, "it is no expression, or it is too long")
+    def __init__(self, source: str, names: list[str], longest: int = LONGEST) -> None:
+        own = re.fullmatch(rf"[a-zE0-9.+*/(), -]{{1,{longest}}}", source)
+        need(own is not None, "it is no expression, or it is too long")
         self.source, self.names, self.kinked = source.strip(), names, False
         self.steps = [Step(None, (), 1, True) for _ in names]
         try:
@@ -234,10 +239,10 @@ class Coupling:
 
 
 @lru_cache(maxsize=1000)
-def read_coupling(h: tuple[str, ...], m: int) -> Coupling:
+def read_coupling(h: tuple[str, ...], m: int, longest: int = LONGEST) -> Coupling:
     """The coupling of these expressions between agents with m components."""
     names = ["y"] if len(h) == 1 else [f"y{d + 1}" for d in range(m)]
-    parts, zero = [Expression(each, names) for each in h], (Fraction(0), Fraction(0))
+    parts, zero = [Expression(each, names, longest) for each in h], (Fraction(0), Fraction(0))
     vanishing = all(part.run(part.steps, [(zero, ())] * len(names))[0] == zero for part in parts)
     need(vanishing, "a coupling is not shown to vanish at 0")
 

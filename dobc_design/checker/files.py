@@ -16,7 +16,7 @@ from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from .expressions import Coupling, Expression, read_coupling
+from .expressions import LONGEST, LONGEST_MADE, Coupling, Expression, read_coupling
 from .intervals import Exact, enclosed, times
 from .matrices import ZERO, Matrix, Rows, diagonal, echelon, identity, meets, plus, product, stable, transpose
 from .reading import (
@@ -186,10 +186,12 @@ class Problem:
             moved = [name if not x else f"({x} + {name})" for x, name in zip(target, names, strict=True)]
             own = {name.replace("y", "x") for name in names}
             need(all(set(re.findall(r"\b[xy][0-9]*\b", each)) <= own for each in self.f), "f is written in x1 to xm")
+            need(all(len(each) <= LONGEST for each in self.f), "an expression is too long")
             f = [re.sub(r"\bx([0-9]*)\b", lambda x: moved[int(x[1] or 1) - 1], each) for each in self.f]
-            values, self.flow = [self.at_target(each, names) for each in f], [Expression(each, names) for each in f]
+            values = [self.at_target(each, names) for each in f]
+            self.flow = [Expression(each, names, LONGEST_MADE) for each in f]
             falls = tuple(f"({each}) - ({x})" for each, x in zip(f, values, strict=True))
-            whole = read_coupling(falls, m)
+            whole = read_coupling(falls, m, LONGEST_MADE)
             slopes = [[whole.slope(c, d) for d in range(m)] for c in range(m)]
             need(not whole.kinked and all(lo == hi for row in slopes for lo, hi in row), "f has no exact slopes")
             self.drift, goals = [[lo for lo, _ in row] for row in slopes], [[x] for x in values]
@@ -204,7 +206,7 @@ class Problem:
     @staticmethod
     def at_target(text: str, names: list[str]) -> Fraction:
         """The exact value of an expression where its variables are 0."""
-        part = Expression(text, names)
+        part = Expression(text, names, LONGEST_MADE)
         value = part.run(part.steps, [((ZERO, ZERO), ()) for _ in names])[0]
         need(value[0] == value[1], "f is not rational at the target")
         return Fraction(value[0])

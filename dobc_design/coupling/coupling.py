@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import InitVar, dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from dobc_design._show.cards import Card, Formula, Shown, cut
 from dobc_design.coupling import expression as language
 from dobc_design.coupling import tree
-from dobc_design.coupling.expression import Expression, parse_expression
+from dobc_design.coupling.expression import LONGEST, Expression, parse_expression
 from dobc_design.coupling.functions import NONSMOOTH
 from dobc_design.coupling.parser import excerpt
 from dobc_design.errors import ExpressionError, ShapeError, SpecError, kept, raise_all, wrong
@@ -135,10 +135,13 @@ class Coupling(Shown):
         return self.numpy_function()(y)
 
 
-def make_coupling(h: Any, *, dimension: int, outputs: int | None = None, key: str = "coupling.h") -> Coupling:
+def make_coupling(
+    h: Any, *, dimension: int, outputs: int | None = None, key: str = "coupling.h", longest: int = LONGEST
+) -> Coupling:
     """Read a coupling: one text in y, applied by component, or a text in y1..ym for each of ``outputs`` (m of them); if
     these are one function, each of its own component, they are the same as the one text; one text alone may stand
-    without a list.  A SymPy expression stands for its text."""
+    without a list.  A SymPy expression stands for its text.  ``longest``: characters of each."""
+    parsed = partial(parse_expression, longest=longest)
     h, count = _text(h), dimension if outputs is None else outputs
     h = [h] if count == 1 < dimension and not is_list(h) else h
     if isinstance(h, str) and not isinstance(h, NumberText):
@@ -146,7 +149,7 @@ def make_coupling(h: Any, *, dimension: int, outputs: int | None = None, key: st
             what = f"must be a list of {counted(count, 'expression')}, one per input; got {shown(h)}."
             raise wrong(key, what, f"Give a list in {tree.names_in_words(dimension)}.", kind=ShapeError)
         _refuse_numbered_names(h, dimension=dimension, key=key)
-        return Coupling(components=(parse_expression(h, key=key),), by_component=True, dimension=dimension, key=key)
+        return Coupling(components=(parsed(h, key=key),), by_component=True, dimension=dimension, key=key)
     if not is_list(h):
         what = f"must be an expression in y, in quotes, or a list of them; got {shown(h)}."
         raise wrong(key, what, 'Write for example "tanh(y)".', kind=ExpressionError)
@@ -160,12 +163,12 @@ def make_coupling(h: Any, *, dimension: int, outputs: int | None = None, key: st
     errors: list[SpecError] = []
     for position, text in enumerate(h):
         with kept(errors):
-            read.append(parse_expression(_text(text), dimension=dimension, key=f"{key}[{position}]"))
+            read.append(parsed(_text(text), dimension=dimension, key=f"{key}[{position}]"))
     raise_all(errors)
     own = count == dimension and all(set(language.variables_used(x.node)) <= {c} for c, x in enumerate(read))
     functions = {re.sub(r"\by[0-9]+\b", "y", str(each)) for each in read}
     alike = own and len(functions) == 1  # one function of its own component each
-    read = [parse_expression(functions.pop(), key=key)] if alike else read
+    read = [parsed(functions.pop(), key=key)] if alike else read
     return Coupling(components=tuple(read), by_component=alike, dimension=dimension, key=key)
 
 

@@ -164,7 +164,8 @@ class _LatexAlgebra(Infix):
         return Piece(rf"{latex}\left({inside}\right)", level, head=latex if level == ATOM else "")
 
 
-LONGEST = 2000
+LONGEST = 2000  # characters of what a user writes
+LONGEST_MADE = 20 * LONGEST  # and of what is made of it, such as f(target + e) - f(target)
 _MOST_REPAIRS = 12
 _LONGEST_SUGGESTION = 100
 
@@ -188,7 +189,7 @@ class Expression:
 
     def __reduce__(self) -> tuple[Callable[..., Expression], tuple[str]]:
         # Long sums are deep trees, on which pickle and deepcopy would meet Python's recursion limit.
-        return partial(parse_expression, dimension=self.dimension), (self.text,)
+        return partial(parse_expression, dimension=self.dimension, longest=LONGEST_MADE), (self.text,)
 
     @property
     def latex(self) -> str:
@@ -196,7 +197,7 @@ class Expression:
         return to_latex(self.node, dimension=self.dimension)
 
 
-def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") -> Expression:
+def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h", longest: int = LONGEST) -> Expression:
     """Read a function of y (dimension 1; y1 is the same) or of y1..ym.  Raises: ExpressionError.
 
     The language: + - * / with Python's precedence, ** with a literal integer from -64 to 64 or 1/2 (written 0.5 or
@@ -210,8 +211,8 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
             'Write for example "tanh(y)".',
             kind=ExpressionError,
         )
-    if len(text) > LONGEST:
-        what = f"must have at most {LONGEST} characters; {excerpt(text, width=30)} has {len(text)}."
+    if len(text) > longest:
+        what = f"must have at most {longest} characters; {excerpt(text, width=30)} has {len(text)}."
         raise wrong(key, what, kind=ExpressionError)
     try:
         expression = Expression(text, parse(text, dimension=dimension), dimension)
@@ -219,9 +220,9 @@ def parse_expression(text: str, *, dimension: int = 1, key: str = "coupling.h") 
         raise _refusal(text, fault, dimension=dimension, key=key) from None
     canonical = str(expression)
     nesting = max(accumulate((character == "(") - (character == ")") for character in canonical))
-    if len(canonical) > LONGEST or nesting > DEEPEST:
+    if len(canonical) > longest or nesting > DEEPEST:
         what = (
-            f"{excerpt(text, width=30)} must fit into {LONGEST} characters and {DEEPEST} nested"
+            f"{excerpt(text, width=30)} must fit into {longest} characters and {DEEPEST} nested"
             " parentheses when **0.5 is written as sqrt."
         )
         raise wrong(key, what, kind=ExpressionError)

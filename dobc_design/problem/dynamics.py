@@ -14,9 +14,10 @@ from typing import Any
 from dobc_design._checks import put, require_square
 from dobc_design._show.cards import Shown
 from dobc_design.coupling.coupling import Coupling, make_coupling
-from dobc_design.coupling.expression import Expression, parse_expression
-from dobc_design.coupling.tree import IntervalAlgebra, evaluate, variable_names
-from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
+from dobc_design.coupling.expression import LONGEST_MADE, Expression, parse_expression
+from dobc_design.coupling.parser import excerpt
+from dobc_design.coupling.tree import GradientAlgebra, IntervalAlgebra, evaluate, variable_names
+from dobc_design.errors import ExpressionError, ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import (
     Matrix,
@@ -34,6 +35,7 @@ from dobc_design.exact.matrix import (
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_list, read_matrix, shown
 
+NEAR = Fraction(1, 2**40)  # of a goal, where slopes of f have to be bounded
 _EXAMPLE = 'For example f = ["x2", "-sin(x1)"].'
 
 
@@ -112,7 +114,12 @@ class Dynamics(Shown):
         falls = [
             f"({_renamed(text, moved)}) - ({number_text(x)})" for text, x in zip(self.f or (), values, strict=True)
         ]
-        whole = make_coupling(falls[0] if m == 1 else falls, dimension=m, key="dynamics.f")
+        try:
+            fall = falls[0] if m == 1 else falls
+            whole = make_coupling(fall, dimension=m, key="dynamics.f", longest=LONGEST_MADE)
+        except ExpressionError:
+            _check_slopes(self, goal)  # says it of f as it is written
+            raise
         slopes = whole.jacobian_at_zero()
         if whole.nonsmooth or not all(x.is_point for row in slopes for x in row):
             raise wrong("dynamics.f", "must be smooth, with rational slopes at the target.", "Write it another way.")
@@ -147,6 +154,24 @@ def expressions_of(dynamics: Dynamics) -> tuple[Expression, ...]:
     return tuple(parse_expression(_renamed(text, variable_names(m)), dimension=m) for text in dynamics.f or ())
 
 
+def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
+    """Refuse an f that is not defined, or has no bounded slope, near a goal.  Raises: ExpressionError."""
+    near = [Interval(x - NEAR, x + NEAR) for x in goal]
+    algebra = GradientAlgebra(dynamics.dimension)
+    for place, expression in enumerate(expressions_of(dynamics)):
+        try:
+            evaluate(expression.node, algebra.variables(near), algebra)
+        except UndefinedError as error:
+            names = "x" if dynamics.dimension == 1 else "(" + ", ".join(_variables(dynamics.dimension)) + ")"
+            at = number_text(goal[0]) if len(goal) == 1 else f"({', '.join(map(number_text, goal))})"
+            what = (
+                f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded slope around the target,"
+                f" {names} = {at} (as far as 2^-40 from it): {error}"
+            )
+            cure = "Move the target to where f is smooth, or write f in another way."
+            raise wrong(f"dynamics.f[{place}]", what, cure, kind=ExpressionError) from error
+
+
 def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
     """Refuse a goal that no constant input holds.  Raises: SpecError that names the nearest one that some does."""
     if dynamics.feedforward(goal) is None:
@@ -176,6 +201,10 @@ def _read_nodes(f: Any) -> tuple[str, ...]:
             found.append(re.sub(r"\by([0-9]*)\b", r"x\1", str(read)))
     raise_all(errors)
     return tuple(found)
+
+
+def _variables(m: int) -> list[str]:
+    return ["x"] if m == 1 else [f"x{c + 1}" for c in range(m)]
 
 
 def _names(m: int) -> str:

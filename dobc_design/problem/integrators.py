@@ -18,6 +18,7 @@ from typing import Any
 
 from dobc_design._checks import put
 from dobc_design.coupling.coupling import Coupling, make_coupling
+from dobc_design.coupling.expression import LONGEST_MADE
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, multiply, subtract, zeros
 from dobc_design.exact.number import number_text
@@ -86,11 +87,16 @@ def acting(coupling: Coupling, dynamics: Dynamics) -> Coupling:
     """B h, with as many expressions as state components."""
     m, texts, B = dynamics.dimension, coupling.texts, dynamics.B
     if coupling.by_component and is_scalar_matrix(B):
-        return coupling if B[0][0] == 1 else make_coupling(f"({number_text(B[0][0])})*({texts[0]})", dimension=m)
+        return coupling if B[0][0] == 1 else _made(f"({number_text(B[0][0])})*({texts[0]})", m)
     if coupling.by_component:
         texts = tuple(re.sub(r"\by\b", f"y{c + 1}", texts[0]) for c in range(m))
     rows = [[f"({number_text(b)})*({h})" for b, h in zip(row, texts, strict=True) if b] for row in B]
-    return make_coupling([" + ".join(row) or "0" for row in rows], dimension=m)
+    return _made([" + ".join(row) or "0" for row in rows], m)
+
+
+def _made(h: Any, m: int) -> Coupling:
+    """A coupling made of one of the file, and longer."""
+    return make_coupling(h, dimension=m, longest=LONGEST_MADE)
 
 
 def enclosed(problem: Problem) -> Leader | None:

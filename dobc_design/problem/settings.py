@@ -11,7 +11,7 @@ from typing import Any
 from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.errors import ShapeError, SpecError, kept, raise_all, wrong
 from dobc_design.exact.matrix import Matrix, Vector
-from dobc_design.exact.number import parse_number
+from dobc_design.exact.number import MAX_CHARACTERS, number_text, parse_number
 from dobc_design.exact.reading import counted, is_list, is_text, named, read_matrix, read_vector, shown, shown_number
 
 Pair = tuple[Fraction, Fraction]
@@ -374,6 +374,10 @@ def _instants(sequence: Any, dwell: Any) -> tuple[Any, Any]:
         raise wrong("switching.dwell", f"{what} got {len(dwell)}.", "Give one for each.", kind=ShapeError)
     lengths = [positive_number(x, key=f"switching.dwell[{k}]", unit="s") for k, x in enumerate(dwell)]
     begins = [sum(lengths[:k], Fraction(0)) for k in range(len(modes) + 1)]
+    if any(len(number_text(begin)) > MAX_CHARACTERS for begin in begins):
+        short, long = shown_number(min(lengths)), shown_number(max(lengths))
+        what = f"holds times from {short} to {long} s, whose sum has more than {MAX_CHARACTERS} digits."
+        raise wrong("switching.dwell", what, "Give times that are closer to each other, or with fewer digits.")
     return tuple(zip(begins, modes, strict=False)), begins[-1]
 
 

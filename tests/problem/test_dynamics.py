@@ -7,8 +7,19 @@ from random import Random
 import numpy as np
 import pytest
 
-from dobc_design import Dynamics, Exosystem, Group, Network, Observer, Problem, load_problem
-from dobc_design.errors import ShapeError, SpecError
+from dobc_design import (
+    Dynamics,
+    Exosystem,
+    Group,
+    Network,
+    Observer,
+    Problem,
+    Verdict,
+    certify,
+    load_problem,
+    verify,
+)
+from dobc_design.errors import ExpressionError, ShapeError, SpecError
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.integrators import as_integrators
 
@@ -107,6 +118,34 @@ def test_mistakes_are_named_with_key_and_cure(given, key, words):
         agents(**given)
     assert caught.value.key == key
     assert all(each in str(caught.value) for each in words)
+
+
+def test_f_may_fill_its_2000_characters_and_both_programs_decide_it():
+    """f = -x - ... - x is -999 x: what is made of f to decide it is longer than f, which is no reason to refuse it."""
+    single = {"network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), "coupling": "y", "gains": {1: 5}}
+    long = "-" + "-".join(["x"] * 999)
+    assert len(long) == 1998
+    problem = Problem(**single, dynamics={"f": [long]}, target=0)
+    assert problem.dynamics.about((Fraction(0),)) == (((-999,),), None)
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert verify(certificate, problem).lone_checker == "it accepts every claim"
+    with pytest.raises(SpecError, match="must have at most 2000 characters"):
+        Problem(**single, dynamics={"f": [long + "-x-x"]}, target=0)
+
+
+def test_an_f_without_slopes_at_the_target_is_named_as_it_is_written():
+    """sqrt(x) at 0; from 1 on it has slopes, and there is nothing to be refused."""
+    single = {"network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), "coupling": "y", "gains": {1: 5}}
+    assert Problem(**single, dynamics={"f": ["sqrt(x)"]}, target=1).dynamics.about((Fraction(1),))[0] == ((0.5,),)
+    with pytest.raises(ExpressionError) as caught:
+        Problem(**single, dynamics={"f": ["sqrt(x)"]}, target=0)
+    assert caught.value.key == "dynamics.f[0]"
+    assert 'dynamics.f[0] "sqrt(x)" must be defined' in str(caught.value) and "target, x = 0" in str(caught.value)
+    with pytest.raises(
+        ExpressionError, match=r'dynamics.f\[1\] "sqrt\(x1\)" .* around the target, \(x1, x2\) = \(0, 0\)'
+    ):
+        agents(dynamics={"f": ["x2", "sqrt(x1)"], "B": [[0], [1]]}, target=[0, 0])
 
 
 def test_mistakes_of_a_file_name_its_key(tmp_path):

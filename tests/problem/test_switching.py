@@ -159,6 +159,16 @@ def test_a_list_of_dwells_is_the_schedule_of_a_round():
     assert listed == Switching(guarantee="sequence", signal="periodic", schedule=rounds, period="7/2")
 
 
+def test_times_whose_sum_cannot_be_written_are_named_as_dwell():
+    """1e-300 + 1e300 has 601 digits; nobody has written a period."""
+    said = r"switching\.dwell holds times from 1e-300 to 1e300 s, whose sum has more than 200"
+    with pytest.raises(SpecError, match=said):
+        Switching(guarantee="sequence", sequence=["Ga", "Gb"], dwell=["1e-300", "1e300"])
+    assert Switching(guarantee="sequence", sequence=["Ga", "Gb"], dwell=["1e-90", "1e90"]).period == 10**90 + Fraction(
+        1, 10**90
+    )
+
+
 def test_a_guarantee_chooses_the_signal_unless_it_is_named():
     assert Switching(guarantee="arbitrary").signal == "random"
     assert Switching(guarantee="dwell", dwell=1).signal == "random"

@@ -432,6 +432,7 @@ def _files() -> list[Case]:
         changed("f of x3", "pendulum", dynamics__f=["x2", "-sin(x3) - x2"]),
         changed("f of x0", "pendulum", dynamics__f=["x2", "-sin(x0) - x2"]),
         changed("f is one text", "pendulum", dynamics__f="x2"),
+        changed("f is too long", "pendulum", dynamics__f=["x2" + " + 0*x1" * 300, "-sin(x1) - x2"]),
         changed("f is not rational at the target", "pendulum", target=["1", "0"]),
         changed("f has a kink", "pendulum", dynamics__f=["x2", "1 - abs(x1 - 1) - x2"]),
         changed("f has an irrational slope", "pendulum", dynamics__f=["x2", "-exp(1)*x1 - x2"]),

@@ -38,6 +38,7 @@ ZERO = 1e-12  # an eigenvalue below, relative to the largest, may be 0
 FAR_APART = 10**6  # gains or weights whose ratio is larger are worth a word
 FAST, LONG = 1000, 10**4  # how often faster, or longer, than anything else is worth a word
 TOO_FAST = 100  # how often faster than the network an observer is worth a word
+MOST_SIGNED = 50_000  # arcs whose signs are looked at
 SAMPLES = 801  # of a coupling over the region
 LARGEST_NETWORK, MOST_MODES = 150, 12  # states and modes whose time constants are computed
 
@@ -264,7 +265,9 @@ def _about_couplings(problem: Problem) -> Iterator[str]:
         h = f"h = {', '.join(coupling.texts)}"
         if place in repelling:
             least = significant(min(slope.lo for slope in slopes[place]))
-            meant = "A sign?" if len(repelling) == len(slopes) else _opposed(problem, place, repelling)
+            large = sum(map(len, problem.network.modes.values())) > MOST_SIGNED
+            everywhere = len(repelling) == len(slopes)
+            meant = "A sign?" if everywhere or large else _opposed(problem, place, repelling)
             yield f"The coupling {h} repels near 0: h'(0) = {least} < 0 pushes neighbours apart. {meant}"
         elif any(slope.lo == slope.hi == 0 for slope in slopes[place]):
             yield f"The coupling {h} vanishes to first order (h'(0) = 0): close neighbours hardly attract each other."

@@ -128,7 +128,7 @@ def test_signs_that_do_not_balance_are_written_with_every_agent_twice():
     """One negative arc in a cycle; with a pin of 1 on agent 1 the cover proves it for both signs of every state."""
     message = message_of(UNBALANCED)
     assert "do not balance" in message
-    assert "let a listen to the copy of b, and the copy of a to b" in message
+    assert "let a listen to the copy of b and the copy of a to b" in message
     signed = np.array([[-2, 0, -1], [1, -1, 0], [0, 1, -1]])
     cover = closed_loop(read(TWICE))
     mirrored = np.vstack([np.eye(3), -np.eye(3)])

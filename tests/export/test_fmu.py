@@ -1,5 +1,6 @@
 """The FMU of one agent, simulated by FMPy, is that agent of the simulated loop."""
 
+import ctypes
 import io
 import re
 import shutil
@@ -164,6 +165,51 @@ def test_a_step_of_several_periods_takes_all_samples_in_it_and_a_state_can_be_re
     for slave in (first, second):
         slave.terminate()
         slave.freeInstance()
+
+
+@needs_compiler
+def test_bad_inputs_are_skipped_as_the_c_code_skips_them(tmp_path):
+    """NaN and infinity as a state and as a packet: the same outputs as dobc_agent.c itself, and then it goes on."""
+    made = dd.export.to_fmu("paper-fixed", period="1/20", agent="1")
+    with zipfile.ZipFile(io.BytesIO(made.data)) as archive:
+        archive.extractall(tmp_path)
+    token = ElementTree.parse(tmp_path / "modelDescription.xml").getroot().get("instantiationToken").encode()
+    (library,) = (tmp_path / "binaries").glob("*/dobc_agent.*")
+    fmi = ctypes.CDLL(str(library))
+    fmi.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
+    own = ctypes.c_void_p(fmi.fmi3InstantiateCoSimulation(b"a", token, *[None] * 10))
+    fmi.fmi3EnterInitializationMode(own, 0, ctypes.c_double(0), ctypes.c_double(0), 0, ctypes.c_double(0))
+
+    subprocess.run(
+        ["cc", "-std=c99", "-O2", "-shared", "-fPIC", "dobc_agent.c", "-o", "plain.so", "-lm"],
+        cwd=tmp_path / "sources",
+        check=True,
+    )
+    plain = ctypes.CDLL(str(tmp_path / "sources" / "plain.so"))
+    agent = ctypes.create_string_buffer(1 << 16)
+    plain.dobc_init(agent, ctypes.byref(ctypes.c_char.in_dll(plain, "dobc_agents")))
+
+    references = (ctypes.c_uint * 2)(2, 7)  # x, heard[2]
+    nan, inf = float("nan"), float("inf")
+    answers = []
+    for k, (x, packet) in enumerate([(3.0, 1.5), (nan, 1.4), (2.8, nan), (inf, -inf), (2.7, 1.2)]):
+        values = (ctypes.c_double * 2)(x, packet)
+        assert fmi.fmi3SetFloat64(own, references, ctypes.c_size_t(2), values, ctypes.c_size_t(2)) == 0
+        step = (ctypes.c_double(k / 20), ctypes.c_double(0.05), 1)
+        outcome = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
+        assert fmi.fmi3DoStep(own, *step, *outcome, ctypes.byref(ctypes.c_double())) == 0
+        wanted = (ctypes.c_uint * 3)(4, 5, 6)  # u, v, dhat
+        found = (ctypes.c_double * 3)()
+        assert fmi.fmi3GetFloat64(own, wanted, ctypes.c_size_t(3), found, ctypes.c_size_t(3)) == 0
+        heard = plain.dobc_receive(agent, 0, (ctypes.c_double * 1)(packet))
+        assert heard == (0 if abs(packet) < inf else -1)
+        output = (ctypes.c_double * 4)()  # felt, dhat, u, v
+        plain.dobc_step(agent, (ctypes.c_double * 1)(x), output)
+        assert list(found) == [output[2], output[3], output[1]]
+        assert np.isfinite(list(found)).all()
+        answers.append(tuple(found))
+    assert len(set(answers)) == len(answers)
+    fmi.fmi3FreeInstance(own)
 
 
 def test_every_function_of_the_standard_is_there():

@@ -21,7 +21,7 @@ from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import Recheck, agreed, verify_twice
 from dobc_design.conditions.accuracy.stage import accuracy_stage
-from dobc_design.conditions.check import Check, surviving, undecided_check
+from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
 from dobc_design.conditions.consensus import decide as consensus
 from dobc_design.conditions.consensus import propose as estimates
 from dobc_design.conditions.consensus.claim import Pair, Statements, state_theorems
@@ -45,7 +45,7 @@ from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import Number, number_text
-from dobc_design.exact.work import out_of_time, read_time_limit, until
+from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit, until
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
 from dobc_design.problem.groups import Group, join, name_some
@@ -116,7 +116,9 @@ def certify(
         checks += tuple(safety_stage(read_region(problem, W, domain=domain, everything=everything), report))
         if tolerance is not None or (everything and problem.region is not None):
             checks += (settling_stage(problem, W, checks, tolerance=tolerance, domain=domain, report=report),)
-        checks += tuple(accuracy_stage(problem, W, checks, domain=domain, report=report))
+        checks += tuple(
+            _ending("accuracy", domain, lambda: accuracy_stage(problem, W, checks, domain=domain, report=report))
+        )
         checks += tuple(other_equilibria(problem, W, checks, report=report))
         checks = tuple(writable(check, domain) for check in checks)
         overall = decide_overall(problem, checks, W)
@@ -215,7 +217,15 @@ def region_checks(
         slow = small and all(getattr(check.claim, "T", None) for check in covering)
         if not everything and covering and not slow:
             break
-    return found + margins_stage(asked, found, report)
+    return found + _ending("tolerance", domain, lambda: margins_stage(asked, found, report))
+
+
+def _ending(id: str, domain: str, stage: Callable[[], list[Check]]) -> list[Check]:
+    """What a stage finds, or a check that says why it did not end."""
+    try:
+        return stage()
+    except WorkLimitError as limit:
+        return [cut_check(id, domain, str(limit))]
 
 
 def other_equilibria(
@@ -295,6 +305,9 @@ class _Run:
         """Lemma 1, mode by mode."""
         checks = []
         for mode in self.problem.network.modes:
+            if (late := out_of_time()) is not None:
+                checks.append(cut_check("lemma1", self.statements.domain, late, mode=mode))
+                continue
             top = self.tops.get(mode)
             if top is None or not top.value < -DOUBT:
                 self.found[mode] = []
@@ -343,9 +356,10 @@ class _Run:
         pair, how = (None, "") if blocked or late is not None else self.find_pair(exosystem, known)
         proposal = Proposal() if pair is None else self.proposal(pair, exosystem)
         checks.append(check(name, pair=pair, proposal=proposal, obstacle=obstacle))
-        why = late or (None if blocked else out_of_time())
+        started = not blocked or any(lemma.cut for lemma in lemmas)
+        why = late or (out_of_time() if started else None)
         if pair is None and why is not None and checks[-1].verdict is Verdict.UNDECIDED:
-            checks[-1] = replace(checks[-1], reason=why)
+            checks[-1] = replace(checks[-1], reason=why, cut=large is None)
         return checks, pair, how
 
     def find_pair(self, exosystem: Exosystem, gains: Sequence[Matrix]) -> tuple[Pair | None, str]:

@@ -24,6 +24,7 @@ from dobc_design.conditions.observer.propose import design_gain
 from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
 from dobc_design.exact.matrix import Matrix, Vector, scale
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.problem.arrays import unreached
 from dobc_design.problem.changes import changed_problem, gain_table, typed_matrix, typed_number
 from dobc_design.problem.problem import Problem
@@ -34,6 +35,8 @@ logger = logging.getLogger("dobc_design")
 SHOWN = 4  # agents whose gains stand in a sentence
 RIVALS = 5
 FACTORS = (1.0, 1.01, 1.1, 2.0)  # by which gains are raised until they are proved to do
+CURE = 100  # steps of work for a proposal, besides what its decision spends
+WORK = 5  # stages' work for a search
 LARGEST_LOOK = 60  # agents up to which one more pin is tried though the present ones do
 CHEAPER = 0.8  # part of the total from which another pin is worth a word
 
@@ -72,8 +75,9 @@ def with_cures(
     # Cures of W and P name keys that all agents share; those of the network are the same for groups.
     for search in (_model_and_network,) if problem.is_grouped else (_model_and_network, _printed):
         try:
-            found |= search(problem, checks, findings, decide, progress)
-        except (ArithmeticError, RuntimeError, ValueError) as error:
+            with at_most(WORK * STAGE):
+                found |= search(problem, checks, findings, decide, progress)
+        except (ArithmeticError, RuntimeError, ValueError, WorkLimitError) as error:
             logger.warning("a search for cures failed: %s", error)
     return tuple(_cured(check, found.get(check.id)) for check in checks)
 
@@ -200,6 +204,7 @@ def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Acce
     """The proposals for which Lambda < 0 is proved in every mode, or weights of V, with the rounded gains that do."""
     for proposal in proposals:
         for factor in FACTORS:
+            spend(CURE)
             accepted = Accepted(proposal=proposal, gains=proposal.rounded(factor=factor))
             cured = changed_problem(problem, _gain_changes(problem, accepted))
             statements = state_theorems(cured)

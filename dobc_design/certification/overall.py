@@ -21,6 +21,7 @@ from dobc_design.conditions.stated import ACCURACY, LIMIT, TOLERANCE, answer_of,
 from dobc_design.exact.matrix import Matrix, Vector, find_in_nullspace
 from dobc_design.exact.number import number_text
 from dobc_design.exact.polynomial import decide_hurwitz
+from dobc_design.exact.work import out_of_time, time_limit
 from dobc_design.problem.agreement import agreement_words
 from dobc_design.problem.arrays import closed_groups, unreached
 from dobc_design.problem.integrators import slopes_of_nodes
@@ -269,7 +270,28 @@ def _domain_in_words(check: Check) -> str:
     return f"{error} <= {check.domain.get('radius')}{f' and |eps_i| <= {noise}' if noise else ''} ({check.id})"
 
 
+def _cut_reason(checks: Sequence[Check]) -> str | None:
+    """What was not decided, because time or work ran out, where that might have decided; None if nothing."""
+    cut = [check for check in checks if check.cut and (check.kind.is_consensus or check.kind.role == "safety")]
+    if not cut:
+        return None
+    names = list(dict.fromkeys(check.id for check in cut))
+    listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    seconds = time_limit()
+    if seconds is not None and out_of_time() is not None:
+        told = f"Undecided: time ran out. The time limit of {seconds:g} s ended before {listed} could be decided;"
+        told += " with more time more may be proved."
+    else:
+        told = f"Undecided: work ran out. {listed} would take too long for a problem of this size, so that nothing is"
+        told += " known of what would be proved. Fewer agents, states, modes or phases would help."
+    regions = [check for check in checks if check.kind.role == "region" and check.verdict is Verdict.PROVED]
+    reach = [_domain_in_words(check) for check in regions]
+    return told if not reach else f"{told} So far consensus is proved from {', '.join(reach)}."
+
+
 def _undecided_reason(problem: Problem, checks: Sequence[Check]) -> str:
+    if (cut := _cut_reason(checks)) is not None:
+        return cut
     unmet = [check for check in checks if check.id == "reachability" and check.verdict is Verdict.REFUTED]
     somewhere = any(check.kind.role == "region" and check.verdict is Verdict.PROVED for check in checks)
     if unmet and problem.network.switches and not somewhere:

@@ -5,6 +5,7 @@ advice."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Final
@@ -30,6 +31,7 @@ from dobc_design.conditions.separable import checks as separable
 from dobc_design.conditions.weighted import checks as weighted
 from dobc_design.errors import CertificateError, DobcError, reason_of
 from dobc_design.exact.matrix import Matrix, is_symmetric, multiply
+from dobc_design.exact.work import last_call
 from dobc_design.problem.canonical import canonical_bytes, problem_sha256
 from dobc_design.problem.groups import blocks_of
 from dobc_design.problem.integrators import as_integrators
@@ -140,11 +142,13 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         if max(len(data), len(document)) > checker.MAX_BYTES:
             return claims
         try:
-            found = checker.examine(data, document)
+            found = checker.examine(data, document, until=last_call() or math.inf)
         except checker.Refused as error:
             found = [(False, f"it cannot read the files: {error}")]
         whole = next((text for holds, text in found[:FIRST] if not holds), None)
         said = [(whole is None, whole or "")] * len(checks) if whole else found[FIRST : FIRST + len(checks)]
+        unasked = checks[len(said) :]
+        said += [(True, "")] * len(unasked)
         decided = (check.verdict is not Verdict.UNDECIDED for check in checks)
         refused = [known and not holds for known, (holds, _) in zip(decided, said, strict=True)]
         if not any(refused):
@@ -157,11 +161,19 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
         pair = any(check.id in proofs and check.verdict is Verdict.PROVED for check in checks)
         claims = replace(claims, checks=checks, P=claims.P if pair else None, Q=claims.Q if pair else None)
         claims = replace(claims, **asdict(overall))
+    if any(check.verdict is not Verdict.UNDECIDED for check in unasked):
+        claims = replace(claims, notes=(*claims.notes, _unasked_words(unasked)))
     lacking = next((text for holds, text in found if not holds), None)
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
     reason = "Undecided: " + DISAGREE.format(claims.verdict.value, lacking, _what_follows(lacking))
     return replace(claims, verdict=Verdict.UNDECIDED, reason=reason, rate=None, covered_by=None)
+
+
+def _unasked_words(unasked: Sequence[Check]) -> str:
+    names = dict.fromkeys(check.id for check in unasked if check.verdict is not Verdict.UNDECIDED)
+    told = f"Time ran out before the second program was asked about {', '.join(names)}"
+    return f"{told}: `dobc verify` asks it about the whole certificate."
 
 
 def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:

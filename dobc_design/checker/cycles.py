@@ -14,7 +14,7 @@ from .files import Certificate, Problem, reach
 from .intervals import by_decimal, enclosed, negative, times, total
 from .matrices import ZERO
 from .quadratic import read_ranges
-from .reading import matrix, maybe, need, rational, read, text, weights
+from .reading import matrix, maybe, need, rational, read, still, text, weights
 from .separable import Curve, Curves, Term, composite, observed, on_pieces, starts, supremum
 
 PHASES = 40
@@ -254,6 +254,7 @@ def shown(
 ) -> bool:
     """Whether a row holds on a part of a segment, whole or in halves: what drives e_i outward on the face is at most
     the speed of the face; with ``rho`` for the box times every s of (0, rho]."""
+    still()
     held = min(p.least_gain(i) * box[i] for box in face.own)
     room, terms, slopes = held + face.speed[i] - max(loads), list[Term](), ZERO
     for arc in arcs:

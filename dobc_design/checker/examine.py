@@ -1,5 +1,6 @@
 """What is asked of a certificate, in which order, and the verdict that follows from its confirmed claims."""
 
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from functools import partial
@@ -14,7 +15,7 @@ from .graphs import markov, may_stay, safety
 from .margins import actuators, tolerance
 from .matrices import product, stable
 from .quadratic import lure
-from .reading import MAX_BYTES, Refused, need, rational
+from .reading import MAX_BYTES, UNTIL, OutOfTime, Refused, need, rational
 from .schedule import settling
 from .separable import delay, equilibrium, sampling
 
@@ -38,12 +39,24 @@ REGIONAL: dict[str, Callable[[Certificate, Any], None]] = {
 }
 
 
-def examine(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
+def examine(certificate: bytes, problem: bytes, until: float = math.inf) -> list[tuple[bool, str]]:
     """Every claim of a certificate: does it hold, what it is, and why it fails. It is confirmed iff all of them hold.
 
+    ``until``: a time of ``time.monotonic``, after which no further claim is examined; the list is then shorter.
     Raises: Refused if one of the two files is not what the format page describes.
     """
-    case = Certificate(certificate, Problem(problem))
+    token = UNTIL.set(until)
+    try:
+        return _examined(certificate, problem)
+    finally:
+        UNTIL.reset(token)
+
+
+def _examined(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
+    try:
+        case = Certificate(certificate, Problem(problem))
+    except OutOfTime:
+        return []
     first: list[tuple[str, Callable[[], None]]] = [
         ("it belongs to this problem", partial(belonging, case)),
         ("its list of checks", partial(completeness, case)),
@@ -56,6 +69,8 @@ def examine(certificate: bytes, problem: bytes) -> list[tuple[bool, str]]:
         try:
             step()
             findings.append((True, title))
+        except OutOfTime:
+            break
         except Refused as error:
             findings.append((False, f"{title}: {error}"))
     return findings

@@ -376,6 +376,8 @@ def points(f: Expression, sign: int, face: list[Exact], pieces: int = 4096) -> b
             if (value[0] if sign > 0 else -value[1]) >= 0:
                 continue
         lo, hi = side = max(part, key=lambda each: each[1] - each[0])
+        if lo == hi:  # a single point has no halves
+            return False
         k, middle = part.index(side), (lo + hi) / 2
         parts += [[*part[:k], half, *part[k + 1 :]] for half in ((lo, middle), (middle, hi))]
     return not parts

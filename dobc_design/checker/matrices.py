@@ -9,7 +9,7 @@ from itertools import pairwise, zip_longest
 from operator import mul
 from typing import Any
 
-from .reading import need
+from .reading import need, still
 
 Matrix = list[list[Fraction]]
 Rows = list[dict[int, Fraction]]  # a sparse matrix
@@ -63,6 +63,7 @@ def echelon(X: Matrix) -> tuple[Matrix, list[int]]:
     """The nonzero rows of the reduced row echelon form, and the columns of their leading ones; in integers."""
     rest, rows, pivots = [integers(row)[0] for row in X], list[list[int]](), list[int]()
     for column in range(len(X[0]) if X else 0):
+        still()
         lead = next((row for row in rest if row[column]), None)
         if lead is not None:
             rest = [without(row, lead, column) for row in rest if row is not lead]

@@ -12,7 +12,9 @@ import json
 import math
 import re
 import struct
+import time
 from collections.abc import Callable, Iterable
+from contextvars import ContextVar
 from fractions import Fraction
 from functools import partial
 from types import SimpleNamespace
@@ -29,8 +31,22 @@ class Refused(Exception):
     """A file that is not what the format page describes, or a claim that is not shown."""
 
 
+class OutOfTime(Exception):
+    """The time that was given is over; nothing is said about the claim at hand."""
+
+
+UNTIL: ContextVar[float] = ContextVar("until", default=math.inf)  # of time.monotonic
+
+
+def still() -> None:
+    """Go on only while there is time: what may take long calls it over and over."""
+    if time.monotonic() > UNTIL.get():
+        raise OutOfTime
+
+
 def need(condition: bool, message: str) -> None:
     """Refuse unless the condition holds: every check of the whole program is a call of this function."""
+    still()
     if not condition:
         raise Refused(message)
 

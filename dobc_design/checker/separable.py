@@ -18,10 +18,11 @@ from .expressions import Coupling, variables
 from .files import Arc, Certificate, Problem
 from .intervals import NOTHING, ONE, Exact, Floats, added, by_decimal, dot, enclosed, hull, negative, times, total
 from .matrices import ZERO, Matrix, definite, echelon, identity, integers, nonnegative, plus, product, transpose
-from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read, same, short, text, weights
+from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read, same, short, still, text, weights
 
 EQUATIONS = 60  # of an equilibrium at most
 PIECES = 20_000  # into which one row is cut at most
+SHORTEST = 2.0**-200  # part of rho: a row that fails at s = 0 fails on every piece (0, s]
 CELLS = 12  # halvings of an interval on which the sign of a slope is sought; 2^(CELLS + 2) pieces of a coupling
 
 
@@ -152,8 +153,9 @@ def throughout(rho: float, settled: Callable[[float, float], bool], start: float
     while left:
         a, b = left.pop()
         middle, done = (a + b) / 2, done + 1
+        still()
         if not settled(a, b):
-            if done > PIECES or not a < middle < b:
+            if done > PIECES or b - a <= rho * SHORTEST or not a < middle < b:
                 return False
             left += [(middle, b), (a, middle)]
     return True

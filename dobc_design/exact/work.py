@@ -1,4 +1,4 @@
-"""Work that is counted, so that every stage ends: steps of interval arithmetic, not seconds.
+"""Work that is counted, so that every stage ends: steps of about 20 microseconds, not seconds.
 
 A stage opens ``at_most``, loops inside ``spend``; what is spent does not depend on caches, so the same input ends at
 the same place.  A clock enters only where a user asks for one (``until``).  Elsewhere nothing is limited.
@@ -21,6 +21,7 @@ from dobc_design.exact.reading import shown
 
 LONGEST: Final = 366 * 24 * 3600  # s
 SHORTEST: Final = 1e-3  # s
+AFTERWARDS: Final = 0.1  # of the limit, for the second program
 
 
 def read_time_limit(value: Any, *, key: str = "time_limit") -> Fraction:
@@ -82,6 +83,18 @@ def out_of_time() -> str | None:
     return f"left out or cut off, because the time limit of {clock[0]:g} s is over."
 
 
+def time_limit() -> float | None:
+    """The seconds that were given; None without a clock."""
+    clock = _CLOCK.get()
+    return None if clock is None else clock[0]
+
+
+def last_call() -> float | None:
+    """When (``time.monotonic``) what only repeats a decision has to end; None without a clock."""
+    clock = _CLOCK.get()
+    return None if clock is None else clock[1] + clock[0] * AFTERWARDS
+
+
 def seconds_left(most: float = math.inf) -> float:
     """How long a call of a library may still take, at most ``most``; > 0, so that every library takes it."""
     clock = _CLOCK.get()
@@ -94,7 +107,7 @@ def exhausted() -> str | None:
     if account is None:
         return None
     if account.left < 0:
-        return f"cut off after {account.granted} steps of interval arithmetic, the most that one stage may take."
+        return f"cut off after {account.granted} steps of work, the most that one stage may take."
     return out_of_time()
 
 

@@ -157,7 +157,7 @@ def test_what_the_second_program_refuses_is_not_written(which: str, disturbed, m
     """The same program, but it refuses whatever is proved under this name."""
     problem, honest = disturbed
 
-    def refuses(data: bytes, document: bytes):
+    def refuses(data: bytes, document: bytes, **_: float):
         said = examine(data, document)
         return [(holds and not (text.startswith(which) and "proved" in text), text) for holds, text in said]
 
@@ -179,7 +179,9 @@ def test_what_the_second_program_refuses_is_not_written(which: str, disturbed, m
 def test_a_limit_of_the_second_program_is_told_from_a_contradiction(said: str, monkeypatch: pytest.MonkeyPatch):
     problem, _ = CASES["list"]
     claims = certified(problem).claims
-    monkeypatch.setattr(rechecks.checker, "examine", lambda *_: [(i < 3, said) for i in range(4 + len(claims.checks))])
+    monkeypatch.setattr(
+        rechecks.checker, "examine", lambda *_, **__: [(i < 3, said) for i in range(4 + len(claims.checks))]
+    )
     reasons = {check.reason for check in rechecks.agreed(claims, problem).checks}
     assert all(
         said in reason and ("please report it" in reason) is (said == "it is refuted here") for reason in reasons
@@ -187,7 +189,7 @@ def test_a_limit_of_the_second_program_is_told_from_a_contradiction(said: str, m
 
 
 def test_a_problem_that_the_second_program_cannot_read_has_no_proof(monkeypatch: pytest.MonkeyPatch):
-    def refuses(data: bytes, document: bytes):
+    def refuses(data: bytes, document: bytes, **_: float):
         raise Refused("too deep")
 
     monkeypatch.setattr(rechecks.checker, "examine", refuses)

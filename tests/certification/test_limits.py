@@ -136,7 +136,7 @@ def test_work_beyond_an_account_is_refused_and_without_one_nothing_is_counted():
     with at_most(10):
         spend(10)
         assert exhausted() is None
-        with pytest.raises(WorkLimitError, match="10 steps of interval arithmetic"):
+        with pytest.raises(WorkLimitError, match="10 steps of work"):
             spend(1)
         assert exhausted() is not None
     assert exhausted() is None

@@ -41,7 +41,8 @@ EQUIVALENT = {
     "len(M) > 20": "it chooses which proof is tried first; by_vector is one for every size.",
     "math.isfinite(found)": "every operation on intervals refuses a result that is not below LARGEST, so that no slope"
     " is infinite.",
-    "done > PIECES or not a < middle < b": "it ends the search: without it a row that is not shown is cut for ever.",
+    "done > PIECES or b - a <= rho * SHORTEST or (not a < middle < b)": "it ends the search: without it a row that is"
+    " not shown is cut for ever.",
     "size <= EQUATIONS": "it bounds the work; what is shown beyond it is true.",
     "size <= ROWS": "it bounds the work.",
     "len(X) <= 20": "it bounds the work.",

@@ -20,6 +20,7 @@ from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.numbers import bisected
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.exact.number import nearest
+from dobc_design.exact.work import out_of_time
 from dobc_design.problem.arrays import arc_table
 from dobc_design.problem.exosystems import Exosystem
 from dobc_design.problem.problem import Problem
@@ -239,9 +240,11 @@ def largest_eigenvalue(table: Any) -> Top:
 
 
 def lambda_tops(statements: Statements) -> dict[str, Top]:
-    """lambda_max(Lambda) and its direction, for every mode to which the theorems apply."""
+    """lambda_max(Lambda) and its direction, for every mode to which the theorems apply, until time runs out."""
     tops = {}
     for mode in statements.lambdas:
+        if out_of_time() is not None:
+            break
         table = float_lambda(statements.problem, mode)
         found = dominating_vector(table) if table.shape[0] > LARGEST_DENSE else None
         if found is not None and found.least > 0:  # a vector v > 0 shows that the matrix is negative

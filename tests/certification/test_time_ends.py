@@ -1,0 +1,125 @@
+"""A time limit ends what runs, and what was cut says so: in its own reason and in the first sentence."""
+
+import time
+from fractions import Fraction
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import dobc_design as dd
+from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.overall import decide_overall
+from dobc_design.certification.recheck import agreed
+from dobc_design.checker import examine as checker
+from dobc_design.checker.files import points
+from dobc_design.checker.separable import throughout
+from dobc_design.conditions.check import cut_check
+from dobc_design.exact.work import last_call, seconds_left, until
+from dobc_design.problem.canonical import canonical_bytes
+
+ZERO, ONE = Fraction(0), Fraction(1)
+
+
+def agents_with_states(count: int, slope: str = "sin(x{next})-x{own}**3") -> dict[str, object]:
+    """Two agents of so many states, each driven by the next one."""
+    f = [slope.format(own=k, next=k + 1) for k in range(1, count)] + [f"x1-x{count}**3"]
+    return {"agents": 2, "modes": {"m": [[2, 1]]}, "gains": "100", "more": {"dynamics": {"f": f}}, "region": True}
+
+
+def many_modes(count: int) -> dict[str, object]:
+    """A ring of three agents whose last arc has another weight in every mode."""
+    modes = {f"m{k}": [[2, 1], [3, 2], [1, 3, k + 1]] for k in range(count)}
+    return {"agents": 3, "modes": modes, "gains": "{1=3}", "h": "tanh(y)", "region": True}
+
+
+def turns(count: int) -> dict[str, object]:
+    """Three agents, of whom one is not reached in each of two modes that follow each other."""
+    switching = {"guarantee": "sequence", "dwell": 0.1, "sequence": ["A", *["A", "B"] * (count // 2)]}
+    modes = {"A": [[2, 1]], "B": [[3, 2]]}
+    return {
+        "agents": 3,
+        "modes": modes,
+        "gains": "{1=3}",
+        "more": {"switching": switching},
+        "h": "tanh(y)",
+        "region": True,
+    }
+
+
+def written(folder: Path, own: dict[str, object]) -> Path:
+    """The problem file."""
+    modes = "\n".join(f'"{name}" = {arcs}' for name, arcs in own["modes"].items())
+    text = f'[network]\nagents = {own["agents"]}\narrow = "listens_to"\n[network.modes]\n{modes}\n'
+    text += f'[coupling]\nh = "{own.get("h", "y")}"\n[pinning]\ngains = {own["gains"]}\n'
+    for table, keys in own.get("more", {}).items():
+        text += f"[{table}]\n" + "".join(
+            f"{key} = {str(x) if not isinstance(x, str) else repr(x)}\n" for key, x in keys.items()
+        )
+    text += "[region]\ninitial_states = [-1, 1]\n" if own["region"] else ""
+    (folder / "problem.toml").write_text(text, encoding="utf-8")
+    return folder / "problem.toml"
+
+
+@pytest.mark.parametrize("own", [agents_with_states(30), many_modes(60), turns(100)], ids=["states", "modes", "turns"])
+def test_what_the_time_limit_cuts_is_named_first_and_nothing_is_said_to_fail(own, tmp_path: Path):
+    problem = dd.load_problem(written(tmp_path, own))
+    certificate = dd.certify(problem, time_limit="1e-3")
+    assert certificate.verdict is dd.Verdict.UNDECIDED
+    assert certificate.reason.startswith("Undecided: time ran out. The time limit of 0.001 s ended before ")
+    cut = [check for check in certificate.checks if "time limit" in check.reason]
+    assert {"max-separable", "schedule"} & {check.id for check in cut}
+    told = " ".join([certificate.reason, *(check.reason for check in cut)])
+    assert not any(words in told for words in ("no pin", "not found", "found", "not reach"))
+    assert dd.verify(certificate, problem).holds
+
+
+def test_what_is_cut_for_its_work_is_named_first(tmp_path: Path):
+    problem = dd.load_problem(written(tmp_path, turns(4)))
+    checks = [cut_check("lure", "consensus", "cut off."), cut_check("delay", "consensus", "cut off.")]
+    found = decide_overall(problem, checks, None)
+    assert found.reason.startswith("Undecided: work ran out. lure would take too long for a problem of this size")
+    assert "delay" not in found.reason  # it decides nothing
+
+
+def test_a_clock_inside_another_ends_with_the_earlier_of_both():
+    assert (seconds_left(), last_call()) == (float("inf"), None)
+    with until(100.0):
+        assert 99 < seconds_left() <= 100
+        with until(1000.0):
+            assert seconds_left() <= 100
+        with until(1.0):
+            assert seconds_left() <= 1
+            assert last_call() == pytest.approx(time.monotonic() + 1.1, abs=0.5)
+
+
+def test_the_second_program_examines_no_claim_after_its_time_and_the_certificate_says_so():
+    certificate = dd.certify("clock-sync")
+    claims, problem = certificate.claims, certificate.problem
+    data, document = certificate_bytes(claims), canonical_bytes(problem)
+    assert checker.examine(data, document, until=0.0) == []
+    assert len(checker.examine(data, document)) == len(claims.checks) + 4
+    with until(1e-9):
+        time.sleep(1e-3)
+        found = agreed(claims, problem)
+    assert (found.verdict, found.checks) == (claims.verdict, claims.checks)
+    assert found.notes[-1].startswith("Time ran out before the second program was asked about ")
+    assert agreed(claims, problem).notes == claims.notes
+
+
+def test_a_point_at_which_a_function_is_not_shown_is_not_halved():
+    asked = []
+
+    def at(*sides):
+        asked.append(sides)
+        return ((-ONE, -ONE), ())
+
+    assert not points(SimpleNamespace(at=at), 1, [(ZERO, ZERO), (ONE, ONE)])
+    assert len(asked) == 1
+
+
+def test_a_row_that_fails_at_zero_is_refused_before_the_floats_end():
+    asked = []
+    assert not throughout(1.0, lambda a, b: bool(asked.append(a)))
+    assert 200 <= len(asked) <= 205
+    assert throughout(1.0, lambda a, b: b <= 2.0**-150 or a > 0)  # far below what rounding leaves of any row

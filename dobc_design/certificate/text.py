@@ -31,6 +31,7 @@ from dobc_design.conditions.numbers import LONGEST, VECTOR_BITS, has_short_denom
 from dobc_design.errors import CertificateError, SpecError, reason_of
 from dobc_design.exact.matrix import Matrix
 from dobc_design.problem.canonical import matrix_text
+from dobc_design.problem.foreign_json import CERTIFICATE, not_a
 from dobc_design.verdict import Verdict
 
 FORMAT = "dobc-certificate"
@@ -72,7 +73,8 @@ def read_claims(data: bytes) -> Claims:
         numbers = partial(json.loads, parse_float=_claimed_float, parse_constant=_no_constant)
         document = numbers(data.decode("utf-8"), object_pairs_hook=_no_duplicates)
         if not isinstance(document, dict) or document.get("format") != FORMAT:
-            raise ValueError(f'it must hold an object with "format": "{FORMAT}"')
+            found = not_a(CERTIFICATE, document, name="the file")
+            raise CertificateError(f"the certificate cannot be read: {found.message}", cure=found.cure)
         if type(document["version"]) is not int or document["version"] != VERSION:  # true and 1.0 equal 1
             raise ValueError(f"version {document['version']!r} is not known here (this program knows {VERSION})")
         return _claims(document)

@@ -18,9 +18,10 @@ from dobc_design.coupling.coupling import Coupling
 from dobc_design.errors import SpecError, reason_of, wrong
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import number_text
-from dobc_design.exact.reading import shown
+from dobc_design.exact.reading import named, shown
 from dobc_design.problem.arrays import distinct_weights
 from dobc_design.problem.exosystems import Exosystem
+from dobc_design.problem.foreign_json import PROBLEM, not_a
 from dobc_design.problem.groups import Group, Observer, group_key, renamed
 from dobc_design.problem.integrators import enclosed
 from dobc_design.problem.network import Arcs, Network, directed, joined, labels_of, parse_weights
@@ -144,24 +145,24 @@ def _coupling(coupling: Coupling) -> str | list[str]:
     return coupling.texts[0] if coupling.by_component else list(coupling.texts)
 
 
-def problem_from_canonical(data: bytes) -> Problem:
-    """Read problem.json back.  Raises SpecError for anything that is not one."""
-    document = _load(data)
+def problem_from_canonical(data: bytes, *, name: str = "problem.json") -> Problem:
+    """Read problem.json back; ``name`` of the file is for messages.  Raises SpecError for anything that is not one."""
+    document = _load(data, name)
     problem = _Reader(document).problem()
     if problem.m != document["dimension"] or type(document["dimension"]) is not int:
         raise _wrong("dimension", f"the number of state components, {problem.m}", document["dimension"])
     return problem
 
 
-def _load(data: bytes) -> dict[str, Any]:
+def _load(data: bytes, name: str) -> dict[str, Any]:
     try:
         document = json.loads(data.decode("utf-8"), object_pairs_hook=_no_duplicates)
     except SpecError:
         raise
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise wrong("problem.json", f"is not valid JSON ({reason_of(error)}).", _CURE) from None
+        raise wrong(named(name), f"is not valid JSON ({reason_of(error)}).", _CURE) from None
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise SpecError(f'problem.json must hold an object with "format": "{FORMAT}".', key="format", cure=_CURE)
+        raise not_a(PROBLEM, document, name=name)
     version = document.get("version")
     known, modes = VERSION_DYNAMICS if "dynamics" in document else VERSION, document.get("modes")
     if isinstance(modes, list) and any(isinstance(mode, dict) and "optional" in mode for mode in modes):

@@ -364,7 +364,7 @@ def _in_words(
 def read_problem_file(path: Path) -> Problem:
     """Read a problem from a TOML file, or from a canonical problem.json.  Raises: SpecError naming key and cure."""
     if path.suffix.lower() == ".json":  # it holds the arcs, too
-        return problem_from_canonical(read_bytes(path, limit=arcs_file.MAX_BYTES))
+        return problem_from_canonical(read_bytes(path, limit=arcs_file.MAX_BYTES), name=path.name)
     return read_problem_text(read_bytes(path), folder=path.resolve().parent, default_name=path.stem)
 
 

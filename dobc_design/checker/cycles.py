@@ -111,7 +111,7 @@ def keeps(case: Certificate, exact: Any) -> None:
     decays(case, exact, exact.rate or ZERO, min([x for each in exact.phases for v in each.v for x in v], default=ONE))
     if exact.rate is None:
         need(not exact.phases, "it has weights and no rate")
-        rises(p, {arc.coupling for heard in p.heard.values() for arcs in heard for arc in arcs}, exact.rho)
+        rises(p, p.couplings, exact.rho)
         for cycle in cycles(turns):
             reached(p, cycle)
         return

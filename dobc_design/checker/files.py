@@ -23,6 +23,7 @@ from .reading import (
     MATRIX_BITS,
     Refused,
     an_object,
+    as_hashed,
     document,
     index,
     integer,
@@ -55,7 +56,7 @@ class Problem:
 
     def __init__(self, data: bytes) -> None:
         source = document(data, "dobc-problem")
-        self.sha256, self.labels = hashlib.sha256(data).hexdigest(), read(source.get("labels"), [text])
+        self.sha256, self.labels = hashlib.sha256(as_hashed(source)).hexdigest(), read(source.get("labels"), [text])
         self.n, self.m = n, m = len(self.labels), integer(source.get("dimension"))
         need(0 < n == len(set(self.labels)), "labels have to be different, and at least one")
         need(1 <= m <= 100, "the dimension is not between 1 and 100")

@@ -1,7 +1,8 @@
 """Interval arithmetic, rounded outward: pairs (lo, hi) of rationals or of floating-point numbers.
 
 Every function is written once for both. Rationals are exact as long as they are single numbers of at most EXACT_BITS
-bits, and are rounded outward to PRECISION bits otherwise: they serve where slopes at 0 have to be exact. Floating-point
+bits, or ends of at most PRECISION bits, and are rounded outward to PRECISION bits otherwise: they serve where slopes at
+0 have to be exact. Floating-point
 numbers serve where couplings are enclosed on many intervals. The two are never mixed. Sums, products and quotients of
 floating-point numbers are those of IEEE 754; exp, ln and sqrt come from the decimal module, the others from integers.
 """
@@ -41,10 +42,16 @@ def outward(lo: Real, hi: Real) -> Interval[Real]:
         return lo, hi
 
     need(all(x == 0 or abs(magnitude(x)) < 2**15 for x in (lo, hi)), OUT_OF_RANGE)
-    if lo != hi or max(lo.numerator.bit_length(), lo.denominator.bit_length()) > EXACT_BITS:
-        below, above = (Fraction(2) ** (magnitude(x) - PRECISION) for x in (lo, hi))
-        lo, hi = math.floor(lo / below) * below, math.ceil(hi / above) * above
-    return lo, hi
+    longest = EXACT_BITS if lo == hi else PRECISION
+    return shortened(lo, math.floor, longest), shortened(hi, math.ceil, longest)
+
+
+def shortened(x: Fraction, rounding: Callable[[Fraction], int], longest: int) -> Fraction:
+    """The rational, or with more than ``longest`` bits the one of PRECISION bits on the side of ``rounding``."""
+    if max(x.numerator.bit_length(), x.denominator.bit_length()) <= longest:
+        return x
+    unit = Fraction(2) ** (magnitude(x) - PRECISION)
+    return rounding(x / unit) * unit
 
 
 def magnitude(x: Fraction | float) -> int:

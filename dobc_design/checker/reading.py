@@ -77,6 +77,16 @@ def leaves_agents(problem: dict[str, Any]) -> bool:
     return sum(len(agents) for agents in lists if type(agents) is list) < len(labels)
 
 
+def as_hashed(source: dict[str, Any]) -> bytes:
+    """The form of problem.json whose hash a certificate names: sorted keys, no blanks, and a line end."""
+
+    def no_decimal(number: Any) -> Any:
+        raise Refused(f"{number} is no text")  # rationals are texts there
+
+    text = json.dumps(source, sort_keys=True, ensure_ascii=False, separators=(",", ":"), default=no_decimal)
+    return text.encode("utf-8", "surrogatepass") + b"\n"
+
+
 def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """An object, whose keys must differ."""
     need(len(dict(pairs)) == len(pairs), "a key stands there twice")

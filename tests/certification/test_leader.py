@@ -1,6 +1,7 @@
 """Leaders, s' = A s or f(s): what is proved of every s, the box that s never leaves, and runs beside it."""
 
 import json
+from contextlib import nullcontext
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -29,6 +30,8 @@ from dobc_design import (
     what_breaks_first,
 )
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.checker.files import Problem as Second
+from dobc_design.checker.reading import Refused
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.quadratic.sectors import slopes_of_node
 from dobc_design.errors import SpecError
@@ -56,9 +59,22 @@ def spiking(gain: Any = 2, **more: Any) -> Problem:
     return Problem(**{"network": RING, "coupling": "y", "gains": gain, "dynamics": SPIKES, "leader": SQUARE} | more)
 
 
+AT_REST = {"initial": [0, 0]}  # at the target f = (1/2, 0.056): it moves off, in a box whose face f touches at a corner
+
+
+def touching() -> Problem:
+    """Agent 1 is pinned to the leader in its first state, and agent 2 hears agent 1."""
+    line, own = (
+        Network.from_arcs([[2, 1]], arrow="listens_to", agents=2),
+        Dynamics(f=list(SPIKES.f or ()), B=[[1], [0]]),
+    )
+    return Problem(network=line, coupling="6*y1", gains={1: [[10, 0]]}, dynamics=own, leader=AT_REST)
+
+
 PROVED, REFUTED, UNDECIDED = Verdict.PROVED, Verdict.REFUTED, Verdict.UNDECIDED
 CASES = {
     "oscillators": (oscillators(), PROVED, "linearisation"),
+    "touching": (touching(), PROVED, "lure"),
     "seen": (oscillators(**SEEN), PROVED, "linearisation"),
     "in formation": (oscillators(offsets={2: [1, 0]}), PROVED, "linearisation"),
     "in a region": (oscillators(region={"initial_states": [-9, 9]}), PROVED, "linearisation"),
@@ -135,6 +151,9 @@ def flow(time: float, s: Any) -> list[float]:
         ([[-3, 3], ["-4.7", "4.625"]], []),
         ([[-3, 3], ["-4.7", "4.624"]], [(1, True)]),
         ([[-3, 3], ["-2.874", "4.7"]], [(1, False)]),
+        # On x2 = -3 f2 = 0.08 (x1 + 3.1) is 0 at the corner.
+        ([["-3.1", "2.7"], [-3, "4.5"]], []),
+        ([["-3.11", "2.7"], [-3, "4.5"]], [(1, False)]),
     ],
 )
 def test_a_box_is_invariant_where_f_points_inwards_on_its_faces(box: Any, left: Any):
@@ -146,6 +165,9 @@ def test_a_box_is_invariant_where_f_points_inwards_on_its_faces(box: Any, left: 
     low, high = np.array(box, dtype=float).T
     outside = any((end < low - 1e-12).any() or (end > high + 1e-12).any() for end in ends)
     assert outside is bool(left)
+    second = Second(canonical_bytes(spiking(leader={"initial": [0, 0], "stays_in": box})))
+    with pytest.raises(Refused, match="point inwards") if left else nullcontext():
+        second.encloses()
 
 
 def test_a_box_is_found_in_which_solutions_stay():

@@ -418,9 +418,15 @@ def _decimal(number: int) -> str:
 
 def about(problem: Document, certificate: Document, *, name: str, code: int) -> Case:
     """A certificate that is about this problem file."""
-    data = json.dumps(problem, sort_keys=True).encode()
+    data = as_written(problem)
     certificate = certificate | {"problem_sha256": hashlib.sha256(data).hexdigest()}
     return Case(name, json.dumps(certificate).encode(), data, code)
+
+
+def as_written(problem: Document) -> bytes:
+    """The bytes of problem.json that are hashed."""
+    text = json.dumps(problem, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    return f"{text}\n".encode("utf-8", "surrogatepass")
 
 
 def _bent_frames() -> Iterator[Case]:
@@ -542,4 +548,15 @@ def _other_bytes() -> Iterator[Case]:
     ):
         yield Case(name, other, problem, UNREADABLE)
         yield Case(f"problem: {name}", data, other, UNREADABLE)
+    source = json.loads(problem)
+    backwards = {key: source[key] for key in sorted(source, reverse=True)}
+    for name, other, code in (
+        ("other blanks", json.dumps(source, indent=2).encode(), HOLDS),
+        ("keys in another order", json.dumps(backwards).encode(), HOLDS),
+        ("escapes", problem.replace(b"plain", b"pl\\u0061in").replace(b'"name"', b'"n\\u0061me"'), HOLDS),
+        ("another spelling of a number", problem.replace(b'"target":["0"]', b'"target":["0.0"]'), FAILS),
+        ("a number that is no text", problem.replace(b'"t_final":"20"', b'"t_final":20.0'), UNREADABLE),
+    ):
+        assert other != problem
+        yield Case(f"problem: {name}", data, other, code)
     yield Case("too large", data + b" " * 2**24, problem, UNREADABLE)

@@ -52,6 +52,7 @@ def _settings() -> dict[str, tuple[Document, Document]]:
         "curved, observed": (CHAIN | WATCHED | {"coupling": PAPER}, TURNS),
         "sine": (CHAIN | {"coupling": "sin(y)"}, TURNS),
         "flat": (CHAIN | {"coupling": "y**3"}, TURNS),
+        "unused": (CHAIN | {"coupling": "-y", "exceptions": {(1, 0): "y", (2, 1): "y"}}, TURNS),
         "three": (CHAIN | {"network": THREE}, DWELL | {"longest": 2}),
         "three, in turn": (CHAIN | {"network": THREE}, TURNS | {"sequence": ["A", "C", "B"]}),
         "two": (CHAIN, DWELL | {"longest": 2}),
@@ -261,6 +262,7 @@ def _bent_graphs() -> Iterator[Case]:
         yield _case(name, FAILS, GRAPHS, "not every agent is reached")
     yield _case("outward", FAILS, GRAPHS, "a gain pushes outward")
     yield _case("flat", FAILS, CURVED, "slope 0")
+    yield _case("unused", FAILS, GRAPHS, "a coupling that no arc has falls")
     yield _case("sine", FAILS, CURVED, "it falls")
     yield _case("sine", FAILS, bent(CURVED, domain=box(0.7), rho="0.79"), "it falls, at the end")
     yield _case("curved", FAILS, GRAPHS, "no rho")

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from itertools import pairwise
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -26,9 +25,9 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Descent
-from dobc_design.conditions.schedule.cycles import Cycles, phases_of, shrunk
+from dobc_design.conditions.schedule.cycles import Cycles, phases_of
 from dobc_design.conditions.schedule.decide import Settling
-from dobc_design.conditions.separable.claim import Separable, reach
+from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
@@ -168,10 +167,7 @@ def _bound_of_weights(problem: Problem, claim: Cycles, radius: Fraction, disturb
     """V falls at the rate from the beginning of one phase to the next, and never rises; |e_i| <= v_i V in between."""
     rate = claim.rate or Fraction(0)
     first = radius * claim.spread(problem) + error_share(claim, disturbance, unit=10**18)
-    parts = [part for each in claim.phases for part in pairwise(zip(each.times, each.v, strict=True))]
-    ends = ((tuple(map(max, old, new)), end) for (_, old), (end, new) in parts)
-    tallest = max(reach(claim.T, v) / shrunk(Fraction(1), rate, end).lo for v, end in ends)
-    return Envelope(id="schedule", height=first * tallest, rate=rate)
+    return Envelope(id="schedule", height=first * claim.height, rate=rate)
 
 
 def _errors(problem: Problem, P: Matrix | None, disturbance: Fraction) -> Fraction:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 class Certificate(Headed):
     """A problem and the claims about it; shows itself as text, and as a table in Jupyter.
 
-    ``verdict``, ``reason``, ``rate`` (1/s), ``covered_by`` and ``checks`` are the same facts as in
+    ``verdict``, ``reason``, ``rate`` (1/s), ``factor``, ``covered_by`` and ``checks`` are the same facts as in
     ``certify --json``; ``claims`` holds everything that certificate.json holds.
     """
 
@@ -61,6 +61,11 @@ class Certificate(Headed):
     def rate(self) -> float | None:
         """Certified decay rate in 1/s, or None."""
         return self.claims.rate
+
+    @property
+    def factor(self) -> float | None:
+        """The factor of that rate: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds; or None."""
+        return self.claims.factor
 
     @property
     def covered_by(self) -> str | None:

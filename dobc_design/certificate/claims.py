@@ -33,7 +33,8 @@ from dobc_design.verdict import Verdict
 class Claims:
     """Verdict, checks and the matrices they rest on.
 
-    ``reason`` is the verdict in one sentence; ``rate`` (1/s) and ``covered_by`` name the best proof.
+    ``reason`` is the verdict in one sentence; ``rate`` (1/s), its ``factor`` and ``covered_by`` belong to the best
+    proof.
     ``W`` (q, m) is the observer gain every check is about, ``gain_source`` says "given" or "designed";
     ``P`` (q, q) and ``Q`` (q, m) belong to Theorem 1 or 2 where it is proved.  Where agents have different exosystems,
     these are block diagonal, one block per group, and "designed" says that at least one block of W is.
@@ -55,6 +56,7 @@ class Claims:
     notes: tuple[str, ...]
     version: str
     options: tuple[str, ...] = ()
+    factor: float | None = None
 
 
 #: How each topic reads what a check of it claims.

@@ -14,7 +14,7 @@ from fractions import Fraction
 from typing import Any, Final
 
 from dobc_design._show.cards import Card, Headed
-from dobc_design._show.text import significant, significant_towards_zero
+from dobc_design._show.text import significant, significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.bounds import Starts, envelope_of, error_share
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.conditions.check import Check
@@ -50,7 +50,8 @@ class RegionClaim:
 
     ``kind``: "everywhere", "box", "ball", "near" (local, no radius) or "none" (nothing proved).  Every start with
     |e|_inf <= box is covered, and every one with |e| <= ball (Euclidean, all agents stacked), where |eps_i| <=
-    ``disturbance``.  ``rate`` in 1/s.  ``time`` (s): from then on |e|_inf <= the tolerance.  ``limit``: why no more.
+    ``disturbance``.  ``rate`` in 1/s, with its ``factor``.  ``time`` (s): from then on |e|_inf <= the tolerance.
+    ``limit``: why no more.
     """
 
     id: str
@@ -61,6 +62,7 @@ class RegionClaim:
     ball: float | None = None
     disturbance: float | None = None
     rate: float | None = None
+    factor: float | None = None
     time: float | None = None
     covers: bool = False
     limit: str = ""
@@ -150,8 +152,9 @@ class Regions(Headed):
             sizes = [significant_towards_zero(claim.box), significant_towards_zero(claim.ball)]
             yes = "yes" if claim.covers else "no" if self.asked is not None else ""
             title = ", ".join(filter(None, [claim.id, claim.variant]))
-            rows.append([title, claim.kind, *sizes, significant_towards_zero(claim.rate), yes])
-        heads = ("method", "kind", "|e|_inf <=", "|e| <=", "rate 1/s", "covers")
+            bound = [significant_towards_zero(claim.rate), significant_away_from_zero(claim.factor)]
+            rows.append([title, claim.kind, *sizes, *bound, yes])
+        heads = ("method", "kind", "|e|_inf <=", "|e| <=", "rate 1/s", "factor", "covers")
         return Card(title=self.name, verdict=self.verdict.value, text=self.reason, heads=heads, rows=rows)
 
 
@@ -250,6 +253,7 @@ class _Gatherer:
             ball=ball,
             disturbance=disturbance,
             rate=check.rate if check.verdict is Verdict.PROVED else None,
+            factor=check.factor,
             time=self._time(check),
             covers=covering,
             limit=self._limit(check, kind, covering=covering),

@@ -19,7 +19,9 @@ from dobc_design._show.text import visible
 from dobc_design.certificate.claims import Claims
 from dobc_design.conditions.check import (
     Check,
+    Written,
     check_from_json,
+    factor_or_none,
     number_or_none,
     read_text,
     read_texts,
@@ -52,6 +54,7 @@ def certificate_document(claims: Claims) -> dict[str, Any]:
         "verdict": claims.verdict.value,
         "reason": claims.reason,
         "rate": claims.rate,
+        "factor": claims.factor,
         "covered_by": claims.covered_by,
         "observer": {"W": W, "source": claims.gain_source, "P": P, "Q": Q},
         "notes": list(claims.notes),
@@ -88,7 +91,7 @@ def read_claims(data: bytes) -> Claims:
 
 def _claims(document: dict[str, Any]) -> Claims:
     keys = "format version program problem problem_sha256 verdict reason rate covered_by observer notes checks"
-    require_keys(document, "the certificate", needed=keys.split())
+    require_keys(document, "the certificate", needed=keys.split(), allowed=("factor",))
     program, observer, checks = document["program"], document["observer"], document["checks"]
     require_keys(program, "program", needed=("name", "version"), allowed=("options",))
     require_keys(observer, "observer", needed=("W", "source", "P", "Q"))
@@ -101,6 +104,7 @@ def _claims(document: dict[str, Any]) -> Claims:
         verdict=Verdict(document["verdict"]),
         reason=read_text(document["reason"], "reason"),
         rate=number_or_none(document["rate"]),
+        factor=factor_or_none(document.get("factor")),
         covered_by=None if document["covered_by"] is None else read_text(document["covered_by"], "covered_by"),
         checks=tuple(check_from_json(item) for item in checks),
         gain_source=None if observer["source"] is None else read_text(observer["source"], "observer.source"),
@@ -122,14 +126,15 @@ def _read_matrix(value: Any, key: str) -> Matrix | None:
 
 
 def _claimed_float(text: str) -> float:
-    """The float whose shortest decimal text is what is written, or the next one further from 0.
+    """The float whose shortest decimal text is what is written, or the next one further from 0; it keeps the text.
 
     A rate, a margin or a radius further from 0 claims more: what is confirmed then is never less than what is written.
+    Of a factor the opposite is true; who reads one looks at the text.
     """
     value, written = float(text), Decimal(text)
     if math.isfinite(value) and Decimal(repr(value)).copy_abs() < written.copy_abs():  # abs() would round
-        return math.nextafter(value, math.copysign(math.inf, written))
-    return value
+        value = math.nextafter(value, math.copysign(math.inf, written))
+    return Written.of(value, text)
 
 
 def _no_constant(name: str) -> float:

@@ -16,6 +16,7 @@ from dobc_design import __version__
 from dobc_design._show.progress import Reports, report_to, shows_progress
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.claims import Claims
+from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import writable
 from dobc_design.certification.cures import Findings, with_cures
 from dobc_design.certification.overall import decide_overall
@@ -120,7 +121,7 @@ def certify(
             _ending("accuracy", domain, lambda: accuracy_stage(problem, W, checks, domain=domain, report=report))
         )
         checks += tuple(other_equilibria(problem, W, checks, report=report))
-        checks = tuple(writable(check, domain) for check in checks)
+        checks = with_factors(problem, tuple(writable(check, domain) for check in checks), W)
         overall = decide_overall(problem, checks, W)
         claims = Claims(
             problem_name=problem.name,

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+from dobc_design._show.text import significant_away_from_zero
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
@@ -36,11 +37,13 @@ ALONE = "Without [region] the verdict is about the consensus alone."
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overall:
-    """The verdict in one word and one sentence, the certified rate (1/s) and the check that carries it."""
+    """The verdict in one word and one sentence, the certified rate (1/s) with its factor, and the check that carries
+    it."""
 
     verdict: Verdict
     reason: str
     rate: float | None = None
+    factor: float | None = None
     covered_by: str | None = None
 
 
@@ -52,7 +55,7 @@ def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) 
     if stated:  # the checks of the tables are about the graphs of the modes, not about every graph
         covering = [check for check in covering if check.kind.role != "safety"]
     if covering:
-        best = max(covering, key=lambda check: (check.id not in OF_A_GUARANTEE, check.rate or 0.0))
+        best = min(covering, key=_preference)
         return _proved(problem, checks, best) if not stated else _with_tables(problem, checks, best)
     refuted = _apart_reason(problem) or _adrift_reason(problem) or _refuted_reason(problem, checks, W)
     if refuted is not None:
@@ -64,7 +67,7 @@ def decide_overall(problem: Problem, checks: Sequence[Check], W: Matrix | None) 
 def _proved(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
     """The verdict that ``best`` carries for the model without tables."""
     reason = _proved_reason(problem, best) + _moving_words(problem, checks, best)
-    return Overall(verdict=Verdict.PROVED, rate=best.rate, covered_by=best.id, reason=reason)
+    return Overall(verdict=Verdict.PROVED, rate=best.rate, factor=best.factor, covered_by=best.id, reason=reason)
 
 
 def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Overall:
@@ -72,7 +75,7 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
     stated, open_tables = stated_in(problem), list(gaps(problem, checks))
     if open_tables:
         without = " and ".join(_NAMES[id] for id in stated.wanted)
-        told = f"Undecided: without {without} {_arrival(problem, best, rate=best.rate).replace('All', 'all', 1)}"
+        told = f"Undecided: without {without} {_arrival(problem, best, pace=best).replace('All', 'all', 1)}"
         for gap in open_tables:
             told += f"; with {gap.table} it is not proved: {gap.reason.removesuffix('.')}"
         cures = "; ".join(dict.fromkeys(gap.cure for gap in open_tables))
@@ -81,16 +84,23 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
     for id in (ACCURACY, TOLERANCE):
         if id in stated.wanted:
             carrier = answer_of(problem, checks, id) or best
-    reason = _arrival(problem, best, rate=carrier.rate, final=carrier if carrier.id == ACCURACY else None)
+    reason = _arrival(problem, best, pace=carrier, final=carrier if carrier.id == ACCURACY else None)
     if carrier is not best:
         reason += f", with {table_words(problem, carrier.id)}"
     if stated.limit:
         reason += f", and no input exceeds {table_words(problem, LIMIT)}"
     reason += f".{_local_words(best)}{_moving_words(problem, checks, best)}"
-    return Overall(verdict=Verdict.PROVED, rate=carrier.rate, covered_by=carrier.id, reason=reason)
+    return Overall(
+        verdict=Verdict.PROVED, rate=carrier.rate, factor=carrier.factor, covered_by=carrier.id, reason=reason
+    )
 
 
 _NAMES = {LIMIT: "the actuator limit", TOLERANCE: "[uncertainty]", ACCURACY: "[uncertainty]"}
+
+
+def _preference(check: Check) -> tuple[bool, float, float]:
+    """Less is better: what holds for every signal, then the least certified time to one percent, then the rate."""
+    return check.id in OF_A_GUARANTEE, check.time_to_one_percent, -(check.rate or 0.0)
 
 
 def _moving_words(problem: Problem, checks: Sequence[Check], best: Check | None) -> str:
@@ -213,17 +223,17 @@ def _room(problem: Problem, group: Sequence[int]) -> list[tuple[Fraction, Fracti
 
 
 def _proved_reason(problem: Problem, check: Check) -> str:
-    return f"{_arrival(problem, check, rate=check.rate)}.{_local_words(check)}"
+    return f"{_arrival(problem, check, pace=check)}.{_local_words(check)}"
 
 
 def _local_words(check: Check) -> str:
     return " The proof is local: it states no radius." if check.domain == "consensus" else ""
 
 
-def _arrival(problem: Problem, check: Check, *, rate: float | None, final: Check | None = None) -> str:
-    """Who arrives where, from which starts and how fast, without a full stop.  ``final``: a proved ``accuracy``."""
+def _arrival(problem: Problem, check: Check, *, pace: Check, final: Check | None = None) -> str:
+    """Who arrives where, from which starts and how fast, without a full stop.  ``pace``: the check whose rate counts;
+    ``final``: a proved ``accuracy``."""
     switching = f" {signals_in_words(problem, check)}".rstrip()
-    pace = f", at a rate of at least {shorten(rate, digits=4):.4g} 1/s" if rate else ""
     shown = check if final is None else final
     elsewhere = " in the region" if problem.region is not None else f" with {_domain_in_words(shown)}"
     which = {"global": "", "consensus": " close enough to it"}.get(str(shown.domain), elsewhere)
@@ -231,7 +241,7 @@ def _arrival(problem: Problem, check: Check, *, rate: float | None, final: Check
         goal = "the target" if problem.leader is None else "the leader"
         return f"All agents end within {_final_bound(final)} of {goal} from every start{which}{switching}"
     arrive = "reach the target" if problem.leader is None else "follow the leader"
-    return f"All agents {arrive} from every start{which}{switching}{pace}"
+    return f"All agents {arrive} from every start{which}{switching}{_pace_in_words(problem, pace)}"
 
 
 def _final_bound(check: Check) -> str:
@@ -239,6 +249,19 @@ def _final_bound(check: Check) -> str:
     given = (check.exact or {}).get("bounds", {}).values()
     listed = [read_rational(x) for each in given for x in (each if isinstance(each, list) else [each])]
     return f"{float(rounded_up(max(listed), digits=4)):.6g}"
+
+
+def _pace_in_words(problem: Problem, check: Check) -> str:
+    """The rate with its factor, and what they say together."""
+    if not check.rate:
+        return ""
+    pace = f", at a rate of at least {shorten(check.rate, digits=4):.4g} 1/s"
+    if check.factor is None:
+        return pace
+    factor = significant_away_from_zero(check.factor)
+    time = significant_away_from_zero(check.time_to_one_percent, 3)
+    beside = ", up to what the estimation error adds" if problem.groups else ""
+    return f"{pace} with a factor of {factor}: {check.norm} falls to one percent within {time} s{beside}"
 
 
 def _reached(problem: Problem, checks: Sequence[Check]) -> str | None:

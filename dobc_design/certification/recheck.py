@@ -12,6 +12,7 @@ from typing import Final
 
 from dobc_design._show.cards import Card, Shown
 from dobc_design.certificate.claims import Claims, claim_of
+from dobc_design.certificate.factors import factor_obstacle
 from dobc_design.certificate.text import certificate_bytes, read_claims
 from dobc_design.certification.overall import decide_overall
 from dobc_design.checker import examine as checker
@@ -167,7 +168,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
     if lacking is None or claims.verdict is Verdict.UNDECIDED:
         return claims
     reason = "Undecided: " + DISAGREE.format(claims.verdict.value, lacking, _what_follows(lacking))
-    return replace(claims, verdict=Verdict.UNDECIDED, reason=reason, rate=None, covered_by=None)
+    return replace(claims, verdict=Verdict.UNDECIDED, reason=reason, rate=None, factor=None, covered_by=None)
 
 
 def _unasked_words(unasked: Sequence[Check]) -> str:
@@ -196,7 +197,7 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
         trusted = trust(claims, problem)
         for check in claims.checks:
             try:
-                reason = confirm(check, trusted)
+                reason = confirm(check, trusted) or factor_obstacle(check, claims.checks, problem, claims.W)
                 read = replace(check, claim=claim_of(check, problem, claims.W)) if reason is None else check
             except (DobcError, ArithmeticError, ValueError, TypeError, KeyError, IndexError, AttributeError) as error:
                 reason = f"it cannot be evaluated ({reason_of(error)[:120]})"
@@ -266,7 +267,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     if (expected or check.verdict is not Verdict.PROVED) and check.domain != wanted:
         return f"the domain must be {wanted!r}"  # a proof for a region names its starts; every other domain is known
     if check.verdict is Verdict.UNDECIDED:
-        claims = (check.margin, check.rate, check.claim, check.witness)
+        claims = (check.margin, check.rate, check.factor, check.claim, check.witness)
         return None if all(part is None for part in claims) else "an undecided check must claim nothing"
     if check.kind.topic == "observer":
         return observer.confirm(check, problem, W)
@@ -362,6 +363,6 @@ def _overall_failures(claims: Claims, problem: Problem, confirmed: Sequence[Chec
         failures.append(
             f"verdict: {claims.verdict.value} does not follow from the confirmed checks ({overall.verdict.value} does)"
         )
-    if (overall.rate, overall.covered_by) != (claims.rate, claims.covered_by):
-        failures.append("rate, covered_by: not what the confirmed checks give")
+    if (overall.rate, overall.factor, overall.covered_by) != (claims.rate, claims.factor, claims.covered_by):
+        failures.append("rate, factor, covered_by: not what the confirmed checks give")
     return failures

@@ -11,7 +11,7 @@ Exit code 0: every claim holds. 1: one does not, or could not be confirmed. 2: a
 
 To read in this order: reading (how files are read, and ``need``, which every check calls), matrices; intervals and
 expressions (couplings); files (what the problem and the certificate hold); examine (what is asked in which order, and
-the overall verdict); then one topic after the other: consensus, separable, quadratic, schedule.
+the overall verdict); then one topic after the other: consensus, separable, quadratic, schedule; last factors.
 """
 
 import sys

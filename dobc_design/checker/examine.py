@@ -10,6 +10,7 @@ from .accuracy import accuracy
 from .consensus import OF_GROUPS, closed, consensus, fact, linearisation, observable, observer, takes_long, weighted
 from .coordinates import boxes
 from .cycles import allowed, schedule
+from .factors import bounded, time_to_one_percent
 from .files import Certificate, Problem
 from .graphs import markov, may_stay, safety
 from .margins import actuators, tolerance
@@ -103,12 +104,13 @@ def confirm(case: Certificate, check: Any) -> None:
     domain = "global" if check.id in FACTS else case.problem.domain
     need(about_region or check.domain == domain, "the domain is wrong")
     if check.verdict == "undecided":
-        claimed = (check.margin, check.rate, check.exact, check.witness)
-        need(claimed == (None,) * 4, "it is undecided and claims something")
+        claimed = (check.margin, check.rate, check.factor, check.exact, check.witness)
+        need(claimed == (None,) * 5, "it is undecided and claims something")
     else:
         need(check.verdict in ("proved", "refuted"), "the verdict is none of proved, refuted and undecided")
         named = {**dict.fromkeys(FACTS, fact), case.theorem + "-weighted": weighted, "linearisation": linearisation}
         (regional if about_region else named.get(check.id, consensus))(case, check)
+        bounded(case, check)
 
 
 def regional(case: Certificate, check: Any) -> None:
@@ -135,8 +137,12 @@ def regional(case: Certificate, check: Any) -> None:
 
 # --- the overall verdict, once all checks are confirmed
 def overall(case: Certificate) -> None:
-    """The verdict, the rate and what covers it follow from the checks."""
-    claims, rate = case.claims, lambda check: check.rate or Fraction(0)
+    """The verdict, the rate with its factor and what covers it follow from the checks."""
+    claims = case.claims
+
+    def rate(check: Any) -> Fraction:
+        return check.rate or Fraction(0)
+
     proofs = [check for check in case.checks if check.verdict == "proved" and covers(case, check)]
     lemmas = [check for check in proofs if check.id == "lemma1"]
     slowest = min(lemmas, key=rate, default=None) if len(lemmas) == len(case.problem.modes) else None
@@ -144,12 +150,13 @@ def overall(case: Certificate) -> None:
     if tables(case.problem):  # the checks of tables are about the graphs of the modes, not about every graph
         counted = [check for check in counted if check.id != "safety"]
     always = [check for check in counted if check.id not in ("schedule", "markov")]
-    best = max(always or counted, key=rate, default=None)
+    best: Any = min(always or counted, key=lambda check: (time_to_one_percent(check), -rate(check)), default=None)
     failed = best is None and refuted(case)
     best = best and answered(case, best)
     verdict = "proved" if best else "refuted" if failed else "undecided"
     need(claims.verdict == verdict, f"the verdict that follows is {verdict}")
     need(claims.rate == (best and best.rate), "the rate is another one")
+    need(claims.factor == (best and best.factor), "the factor is another one")
     need(claims.covered_by == (best and best.id), "it is covered by another check")
 
 

@@ -395,11 +395,19 @@ def reach(starts: Collection[int], edges: list[list[int]]) -> set[int]:
 
 
 # --- certificate.json -------------------------------------------------------------------------------------------------
+def at_least_one(value: Any) -> Fraction:
+    """A factor."""
+    factor = json_number(value)
+    need(1 <= factor <= 10**300, "a factor is less than 1, or far too large")
+    return factor
+
+
 STARTS = {"kind": text, "radius": maybe(json_number), "disturbance": maybe(json_number)}
 CHECK = dict.fromkeys(("id", "verdict", "reason", "mode?", "group?"), text) | {
     "domain": lambda value: value if type(value) is str else read(value, STARTS),
     "margin": maybe(json_number),
     "rate": maybe(json_number),
+    "factor?": maybe(at_least_one),
     "exact?": an_object,
     "witness?": an_object,
     "fix?": {"kind": text, "set": an_object, "text": text},
@@ -416,6 +424,7 @@ class Certificate:
             "version": None,
             "program": {"name": text, "version": text, "options?": [text]},
             "rate": maybe(json_number),
+            "factor?": maybe(at_least_one),
             "covered_by": maybe(text),
             "observer": {"W": gain, "source": maybe(text), "P": P, "Q": gain},
             "checks": [CHECK],

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 REASONS_BESIDE = 120  # columns from which reasons stand beside the verdicts
 COLUMNS = (
-    "Rate: lower bound of the decay rate. Margin: how far the largest eigenvalue stays below 0. "
+    "Rate and factor: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds. "
+    "Margin: how far the largest eigenvalue stays below 0. "
     "`dobc explain CONDITION` says what a condition means."
 )
 WIDE = 110  # columns from which the table of regions has its last column
@@ -107,7 +108,9 @@ def certify(
         if theorem is not None:
             rates = [each.rate for each in checks if each.rate is not None]
             rate = min(rates) if verdict == "proved" and len(rates) == len(checks) else None
-            document |= {"verdict": verdict, "reason": reason, "rate": rate}
+            factors = [each.factor for each in checks if each.factor is not None]
+            factor = max(factors) if rate is not None and len(factors) == len(checks) else None
+            document |= {"verdict": verdict, "reason": reason, "rate": rate, "factor": factor}
             document |= {"covered_by": theorem if verdict == "proved" else None, "theorem": theorem}
         output.print_json(document)
     elif not quiet:
@@ -198,6 +201,7 @@ def _head(certificate: Certificate) -> dict[str, Any]:
         "verdict": certificate.verdict.value,
         "reason": certificate.reason,
         "rate": certificate.rate,
+        "factor": certificate.factor,
         "covered_by": certificate.covered_by,
         "warnings": list(warnings(certificate.problem)),
         "remarks": list(remarks(certificate.problem)),
@@ -229,21 +233,21 @@ def _show(head: RenderableType, certificate: Certificate, checks: Sequence[Check
     ``file``: what the problem was read from, for the command that writes the cured one."""
     from rich.text import Text
 
-    from dobc_design._show.text import significant_towards_zero
+    from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
     from dobc_design.report.words import capitalize_first, shown_notes
 
     output.show([head])
     width = output.make_console().width
     beside = width >= REASONS_BESIDE
     table = output.make_table(["condition"])
-    for name in ("result", "rate (1/s)", "margin"):
+    for name in ("result", "rate (1/s)", "factor", "margin"):
         table.add_column(name, no_wrap=True)
     if beside:
         table.add_column("what it says", overflow="fold")
     rows = _rows(checks)
     for title, each in rows:
-        numbers = [(each.rate, 4), (each.margin, 4)]
-        texts = ["" if value is None else significant_towards_zero(value, digits) for value, digits in numbers]
+        rate, margin = ("" if x is None else significant_towards_zero(x) for x in (each.rate, each.margin))
+        texts = [rate, "" if each.factor is None else significant_away_from_zero(each.factor), margin]
         texts += [capitalize_first(each.reason)] if beside else []
         table.add_row(Text(title), output.verdict_text(each.verdict.value), *map(Text, texts))
     parts: list[RenderableType] = [Text(""), table] if checks else []
@@ -265,7 +269,8 @@ def _rows(checks: Sequence[Check]) -> list[tuple[str, Check]]:
     """Row heads and checks; modes of which the same is said share a row."""
     same: dict[tuple[object, ...], list[Check]] = {}
     for each in checks:
-        same.setdefault((each.id, each.group, each.verdict, each.rate, each.margin, each.reason), []).append(each)
+        said = (each.id, each.group, each.verdict, each.rate, each.factor, each.margin, each.reason)
+        same.setdefault(said, []).append(each)
     rows = []
     for alike in same.values():
         modes = ", ".join(str(each.mode) for each in alike[:MOST_MODES])

@@ -11,13 +11,14 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from fractions import Fraction
 from typing import Any, Protocol
 
 from dobc_design._show.cards import Card, Shown, listed
-from dobc_design._show.text import significant_towards_zero
+from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.conditions.kinds import KINDS, Kind
-from dobc_design.conditions.numbers import claimed, read_rational
+from dobc_design.conditions.numbers import claimed, read_rational, time_to_one_percent
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -27,8 +28,11 @@ logger = logging.getLogger("dobc_design")
 NAMES = ("block", "mode", "group", "unobservable_polynomial")  # exact values that are no numbers
 #: Fields of a check in JSON: those that are always there, and the others.
 NEEDED = ("id", "verdict", "domain", "margin", "rate", "reason")
-OPTIONAL = ("mode", "group", "exact", "witness", "fix")
+OPTIONAL = ("mode", "group", "factor", "exact", "witness", "fix")
 TEXTS = ("id", "mode", "group", "reason")
+
+#: Topics whose V is a quadratic form of the errors; those of the others are weighted maxima.
+EUCLIDEAN = ("consensus", "weighted", "quadratic")
 
 Domain = str | Mapping[str, Any]  # "global", "consensus", or {"kind", "radius", "disturbance"}
 
@@ -80,11 +84,19 @@ class Fix(Shown):
 class Check(Shown):
     """One condition, decided.
 
+<<<<<<< HEAD
     ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``claim``: what is proved, exactly; ``exact``
     is that as text.  ``mode`` is None on checks that speak of all modes together.  ``group``, the label of its first
     agent, stands on checks of one group of agents where these have different exosystems.  ``applies``: False where an
     undecided condition is not about such a problem at all.  ``cut``: True where time or work ran out before it was
     decided, so that it says nothing about the problem.
+=======
+    ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``factor`` >= 1 belongs to the rate: |e(t)| <=
+    factor |e(0)| exp(-rate t) + what the estimation error adds, in the norm ``norm``; None where no such bound follows.
+    ``claim``: what is proved, exactly; ``exact`` is that as text.  ``mode`` is None on checks that speak of all modes
+    together.  ``group``, the label of its first agent, stands on checks of one group of agents where these have
+    different exosystems.  ``applies``: False where an undecided condition is not about such a problem at all.
+>>>>>>> b1798d5c (Every rate has its factor, in the certificate and wherever the rate is shown)
     """
 
     id: str
@@ -95,6 +107,7 @@ class Check(Shown):
     group: str | None = None
     margin: float | None = None
     rate: float | None = None
+    factor: float | None = None
     claim: Claim | None = None
     witness: Witness | None = None
     fix: Fix | None = None
@@ -122,6 +135,17 @@ class Check(Shown):
         return KINDS[self.id]
 
     @property
+    def norm(self) -> str:
+        """The norm of its bound: the largest component of all errors, or the Euclidean length of all of them."""
+        in_mean_square = self.id == "markov" and (self.exact or {}).get("kind") == "mean square"
+        return "|e|" if self.kind.topic in EUCLIDEAN or in_mean_square else "|e|_inf"
+
+    @property
+    def time_to_one_percent(self) -> float:
+        """After how many seconds the bound is a hundredth of |e(0)|: ln(100 factor) / rate; infinite without one."""
+        return time_to_one_percent(self.rate, self.factor)
+
+    @property
     def title(self) -> str:
         """The id, with the mode or the group where there is one."""
         if self.group is not None:
@@ -138,6 +162,8 @@ class Check(Shown):
         facts = [("holds for", domain)]
         numbers = (("margin", self.margin), ("rate in 1/s", self.rate))
         facts += [(name, significant_towards_zero(value, 6)) for name, value in numbers if value is not None]
+        if self.factor is not None:
+            facts.append((f"factor of {self.norm}", significant_away_from_zero(self.factor, 6)))
         facts += [(name, str(value)) for name, value in (self.exact or {}).items() if isinstance(value, (str, int))]
         if self.witness is not None:
             facts.append((f"witness, {self.witness.kind}", listed(self.witness.labels or self.witness.values or ())))
@@ -156,6 +182,7 @@ class Check(Shown):
             "domain": self.domain if isinstance(self.domain, str) else dict(self.domain),
             "margin": self.margin,
             "rate": self.rate,
+            "factor": self.factor,
             "reason": self.reason,
             **{name: part.to_json() for name, part in parts.items() if part is not None},
         }
@@ -174,7 +201,7 @@ def cut_check(id: str, domain: Domain, reason: str, *, mode: str | None = None) 
 def withdrawn(check: Check, domain: str, reason: str) -> Check:
     """The same check undecided: it claims nothing any more.  ``domain``: that of Lemma 1."""
     domain = "global" if check.kind.role == "part" else domain
-    nothing: dict[str, Any] = dict.fromkeys(("margin", "rate", "claim", "witness"))
+    nothing: dict[str, Any] = dict.fromkeys(("margin", "rate", "factor", "claim", "witness"))
     return replace(check, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, **nothing)
 
 
@@ -253,6 +280,7 @@ def check_from_json(data: Any) -> Check:
         domain=domain if isinstance(domain, str) else _object(domain, "domain"),
         margin=number_or_none(data["margin"]),
         rate=number_or_none(data["rate"]),
+        factor=factor_or_none(data.get("factor")),
         claim=Values(_object(data["exact"], "exact")) if "exact" in data else None,
         witness=witness,
         fix=fix,
@@ -316,6 +344,33 @@ def number_or_none(value: Any) -> float | None:
         raise ValueError(f"expected a finite number, got {value!r}")
     nearest = float(value)
     return math.nextafter(nearest, math.copysign(math.inf, value)) if abs(nearest) < abs(value) else nearest
+
+
+class Written(float):
+    """A number that was read from a decimal text, which it need not equal."""
+
+    text: str
+
+    @classmethod
+    def of(cls, value: float, text: str) -> Written:
+        """The number ``value`` that stands for ``text``."""
+        number = cls(value)
+        number.text = text
+        return number
+
+
+def factor_or_none(value: Any) -> float | None:
+    """Read a factor or null; of a number that is no float the next one below, because a smaller factor claims more.
+    Raises: as ``number_or_none``, and ValueError below 1."""
+    if value is None:
+        return None
+    number = number_or_none(value)
+    written = Decimal(value.text if isinstance(value, Written) else str(value))
+    if number is None or number < 1 or not 1 <= written <= Decimal("1e300"):
+        raise ValueError(f"a factor must be at least 1 and at most 1e300, got {value!r}")
+    while Decimal(repr(number)) > written:
+        number = math.nextafter(number, 0.0)
+    return number
 
 
 def _object(data: Any, name: str) -> dict[str, Any]:

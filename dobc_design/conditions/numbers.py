@@ -96,6 +96,13 @@ def follows(rate: float | None, proved: Fraction) -> bool:
     return rate is not None and rate > 0 and claimed(rate) <= proved
 
 
+def time_to_one_percent(rate: float | None, factor: float | None) -> float:
+    """After how many seconds factor exp(-rate t) is a hundredth: ln(100 factor) / rate; infinite where one is None."""
+    if not rate or factor is None:
+        return math.inf
+    return (math.log(100) + math.log(factor)) / rate
+
+
 def largest_proved(estimate: float, holds: Callable[[Fraction], bool]) -> float | None:
     """The first number a little below ``estimate`` for which ``holds`` proves the claim; 0 last; None if none."""
     if estimate > 0 and math.isfinite(estimate):

@@ -273,7 +273,7 @@ function render({ model, el }) {
     const found = model.get("verdict");
     verdict.className = `dobc-verdict dobc-${found.verdict ?? "moving"}`;
     verdict.textContent = found.busy ? "Deciding exactly …"
-      : found.verdict ? `${found.verdict.toUpperCase()}${found.rate ? `, rate ${found.rate} 1/s` : ""}. ${found.text}`
+      : found.verdict ? `${found.verdict.toUpperCase()}${found.rate ? `, rate ${found.rate} 1/s` : ""}${found.factor ? `, factor ${found.factor}` : ""}. ${found.text}`
       : "The exact verdict follows after a short pause.";
     const plant = found.plant ?? [];
     beside.hidden = plant.length === 0;

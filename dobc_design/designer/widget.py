@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from dobc_design._show.text import significant_towards_zero
+from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.certificate.files import write_atomically
 from dobc_design.certification.certify import certify
@@ -126,8 +126,9 @@ class Designer(anywidget.AnyWidget):  # type: ignore[misc]
             if version == self.version:  # else it is out of date already
                 self.certificate = certificate
                 rate = None if certificate.rate is None else significant_towards_zero(certificate.rate)
-                found = {"verdict": certificate.verdict.value, "text": certificate.reason, "rate": rate}
-                self.verdict = found | {"plant": plant_numbers(certificate)}
+                factor = None if certificate.factor is None else significant_away_from_zero(certificate.factor)
+                found = {"verdict": certificate.verdict.value, "text": certificate.reason}
+                self.verdict = {**found, "rate": rate, "factor": factor, "plant": plant_numbers(certificate)}
             return certificate
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:

@@ -443,3 +443,8 @@ class Doubles(Sequence[Fraction]):
 def least(v: Sequence[Fraction]) -> Fraction:
     """Return the least of some numbers, at least one."""
     return Fraction(float(v.array.min())) if isinstance(v, Doubles) else min(v)
+
+
+def largest(v: Sequence[Fraction]) -> Fraction:
+    """Return the largest of some numbers, at least one."""
+    return Fraction(float(v.array.max())) if isinstance(v, Doubles) else max(v)

@@ -55,7 +55,8 @@ def cure_section(checks: Sequence[Check]) -> Iterator[doc.Section]:
 def checks_section(checks: Sequence[Check], *, proved: bool = False) -> doc.Section:
     """Every check with its verdict, numbers and reason.  ``proved``: the overall verdict is, whatever else failed."""
     rests = "“Proved” and “refuted” rest on exact arithmetic alone.\n"
-    cut = "Margins and rates are in 1/s and rounded towards zero: they hold as printed."
+    cut = "Margins and rates are in 1/s and rounded towards zero, factors up: they hold as printed.\n"
+    cut += "Rate and factor: |e(t)| ≤ factor · |e(0)| · exp(−rate t) + what the estimation error adds."
     blocks = (doc.Only(doc.READ, (doc.Text(doc.Own(rests + cut)),)), *_checks_table(checks))
     counts = words.verdict_counts(checks) or "none"
     failed = sum(check.verdict is not Verdict.PROVED for check in checks)
@@ -69,7 +70,7 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
     own_cures = {id(each) for each in other_cures(checks)}
     ordered = sorted(range(len(checks)), key=lambda i: (_ORDER.index(checks[i].verdict), i))
     yield doc.table_of(
-        "Checks with verdict, domain, margin, rate and reason",
+        "Checks with verdict, domain, margin, rate, factor and reason",
         [checks[i] for i in sorted(ordered[:MOST_ROWS])],
         doc.Column("verdict", lambda check: words.mark_of(check.verdict), 0),
         doc.Column("condition", _name, 1.5),
@@ -77,6 +78,7 @@ def _checks_table(checks: Sequence[Check]) -> Iterator[doc.Block]:
         doc.Column("where", lambda check: words.domain_words(check.domain), 1.1),
         doc.Column("margin", lambda check: significant_towards_zero(check.margin), 0.8, unit="1/s", style="number"),
         doc.Column("rate", lambda check: significant_towards_zero(check.rate), 0.8, unit="1/s", style="number"),
+        doc.Column("factor", lambda check: words.factor_words(check.factor), 0.8, style="number"),
         doc.Column("reason", lambda check: _reason(check, id(check) in own_cures), 3, style="why", only=doc.READ),
         doc.Column("reason", _brief_reason, 3, only=("latex",)),
         cards=True,

@@ -5,13 +5,15 @@ Problems are compared as one program writes them: what counts is the meaning of 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from dobc_design._show.text import lower
+from dobc_design._show.text import lower, upper
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
+from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.problem.changes import problem_text
 from dobc_design.problem.load import parse_toml
 from dobc_design.problem.problem import Problem
@@ -82,6 +84,11 @@ def conclusion(first: Certificate, second: Certificate) -> str:
         return f"A is {first.verdict.value}, B is {second.verdict.value}."
     if first.verdict is not Verdict.PROVED:
         return f"Both are {first.verdict.value}."
+    times = [time_to_one_percent(each.rate, each.factor) for each in (first, second)]
+    if all(map(math.isfinite, times)) and times[0] != times[1]:
+        better, worse = ("A", "B") if times[0] < times[1] else ("B", "A")
+        early, late = upper(min(times)), upper(max(times))
+        return f"Both are proved. {better} is certified to reach one percent after {early} s, {worse} after {late} s."
     a, b = first.rate or 0.0, second.rate or 0.0
     if a == b:
         return "Both are proved, at the same certified rate."
@@ -122,11 +129,11 @@ def _checks(first: Certificate, second: Certificate) -> doc.Section:
     columns = (
         doc.Column("condition", width=2.2),
         *(doc.Column(side, width=0) for side in SIDES),
-        *(doc.Column(f"{what} {side}", style="number") for what in ("margin", "rate") for side in SIDES),
+        *(doc.Column(f"{what} {side}", style="number") for what in ("margin", "rate", "factor") for side in SIDES),
     )
     rows = [_compared(pair) for pair in pairs[:MOST_ROWS]]
     blocks = (
-        _marked("Checks of both certificates with verdict, margin and rate", columns, rows),
+        _marked("Checks of both certificates with verdict, margin, rate and factor", columns, rows),
         *((doc.Text(f"And {hidden} more, in the certificates."),) if hidden > 0 else ()),
         doc.Text(words.TEXTS["fixed"]["compared_checks"], "caption"),
     )
@@ -139,7 +146,9 @@ def _compared(pair: Sequence[Check | None]) -> tuple[doc.Cell, ...]:
     verdicts = [ABSENT if each is None else words.mark_of(each.verdict) for each in pair]
     margins = [None if each is None else each.margin for each in pair]
     rates = [None if each is None else each.rate for each in pair]
-    return (doc.Name((check.kind.name, *mode)), *verdicts, *map(lower, (*margins, *rates)))
+    factors = [None if each is None else each.factor for each in pair]
+    numbers = (*map(lower, (*margins, *rates)), *map(words.factor_words, factors))
+    return (doc.Name((check.kind.name, *mode)), *verdicts, *numbers)
 
 
 def _starts(first: Certificate, second: Certificate) -> Iterator[doc.Section]:

@@ -68,6 +68,7 @@ def regions_table(regions: Regions, *, disturbed: bool) -> doc.Table:
         doc.Column("|εᵢ| ≤", lambda claim: lower(claim.disturbance), only=markdown if disturbed else ()),
         doc.Column("certified starts", starts_words, 1.3, only=("html", "pdf", "latex")),
         doc.Column("rate in 1/s", lambda claim: lower(claim.rate), 0.8, style="number"),
+        doc.Column("factor", lambda claim: upper(claim.factor), 0.8, style="number"),
         doc.Column(
             settled, lambda claim: NONE if claim.time is None else f"{upper(claim.time)} s", 0.8, style="number"
         ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -10,12 +11,12 @@ from importlib.resources import files
 from typing import Any, Final
 
 from dobc_design._show.cards import SIGNS
-from dobc_design._show.text import significant, significant_towards_zero, typeset
+from dobc_design._show.text import significant, significant_towards_zero, typeset, upper
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
 from dobc_design.conditions.graphs.decide import signals_in_words
 from dobc_design.conditions.kinds import KINDS, ids_of
-from dobc_design.conditions.numbers import read_rational
+from dobc_design.conditions.numbers import read_rational, time_to_one_percent
 from dobc_design.exact.matrix import Matrix, Vector, matrix
 from dobc_design.exact.number import number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
@@ -91,10 +92,23 @@ def facts(certificate: Certificate) -> dict[str, str]:
     return {
         "Holds for": "–" if domain is None else domain_words(domain),
         "Certified decay rate": "–" if rate is None else f"{_number(rate)} 1/s",
+        "Factor of it": factor_words(certificate.factor),
+        "To one percent within": one_percent_words(certificate),
         "Shown by": KINDS[proof].name if proof in KINDS else "–",
         "Agents": str(certificate.problem.n),
         "Modes": str(len(certificate.problem.network.modes)),
     }
+
+
+def factor_words(factor: float | None) -> str:
+    """A factor of a bound, rounded up; an en dash where there is none."""
+    return upper(factor)
+
+
+def one_percent_words(certificate: Certificate) -> str:
+    """The certified time to one percent of the first error."""
+    time = time_to_one_percent(certificate.rate, certificate.factor)
+    return f"{upper(time)} s" if math.isfinite(time) else "–"
 
 
 def number(value: float | None) -> str:
@@ -206,7 +220,14 @@ def _proved(certificate: Certificate) -> tuple[list[str], list[str]]:
         yes.append("The modes may switch at any times and in any order, arbitrarily fast: one V holds for all modes.")
     if certificate.rate:
         rate = _number(certificate.rate)
-        yes.append(f"The errors decay at least like exp(−{rate} t), t in seconds. The real decay may be faster.")
+        bound = f"The errors decay at least like exp(−{rate} t), t in seconds"
+        if certificate.factor is not None:
+            beside = " plus what the estimation error adds" if problem.groups else ""
+            bound = (
+                f"The errors stay below {factor_words(certificate.factor)} |e(0)| exp(−{rate} t){beside}, t in seconds"
+            )
+            bound += f": one percent after {one_percent_words(certificate)}"
+        yes.append(f"{bound}. The real decay may be faster.")
     proved = [each for each in certificate.checks if each.kind.role == "timing" and each.verdict is Verdict.PROVED]
     messages = TEXTS["fixed"]["timed" if len(proved) == len(ids_of("timing")) else "ideal"]
     return yes, [*no, _about_the_model(problem, messages)]

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from dobc_design import __version__
 from dobc_design._checks import put
+from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import float_above
 from dobc_design.exact.reading import shown
@@ -40,6 +41,8 @@ COLUMNS: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("verdict", "text", "overall verdict"),
         ("covered_by", "text", "the check that proves it"),
         ("rate", "number", "certified rate in 1/s"),
+        ("factor", "number", "its factor: |e(t)| <= factor |e(0)| exp(-rate t) + what the estimation error adds"),
+        ("one_percent", "number", "certified time to one percent in s, ln(100 factor) / rate"),
         ("margin", "number", "least margin at the consensus in 1/s"),
         ("starts", "text", "the largest proved set of starts: everywhere, box, ball, near or none"),
         ("box", "number", "largest proved |e|_inf"),
@@ -118,10 +121,13 @@ def _facts(certificate: Certificate) -> dict[str, Any]:
     settling, time = regions.settling, None
     if settling is not None and settling.verdict is Verdict.PROVED and settling.exact is not None:
         time = float_above(Fraction(settling.exact["time"]))
+    one_percent = time_to_one_percent(certificate.rate, certificate.factor)
     return {
         "verdict": certificate.verdict.value,
         "covered_by": certificate.covered_by,
         "rate": certificate.rate,
+        "factor": certificate.factor,
+        "one_percent": one_percent if math.isfinite(one_percent) else None,
         "margin": min(margins, default=None),
         "starts": min(kinds, key=_ORDER.index, default="none"),
         "box": max((claim.box for claim in proved if claim.box is not None), default=None),

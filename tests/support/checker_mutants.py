@@ -33,6 +33,8 @@ FILES = (
     "schedule",
     "graphs",
     "accuracy",
+    "factors",
+    "factors",
     "examine",
 )
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}

@@ -17,6 +17,7 @@ from typing import Any
 import mpmath
 import numpy as np
 import sympy as sp
+from factor_oracle import false_factor
 from region_oracle import COVERING, IDS, Regions
 from scipy.optimize import linprog
 
@@ -25,7 +26,7 @@ from dobc_design.problem.problem import Problem
 
 Rows = list[list[Fraction]]
 SLACK = Fraction(1, 10**60)
-FIELDS = {"id", "mode", "verdict", "domain", "margin", "rate", "reason", "exact", "witness", "fix"}
+FIELDS = {"id", "mode", "verdict", "domain", "margin", "rate", "factor", "reason", "exact", "witness", "fix"}
 PLAIN = ("observability", "detectability", "hurwitz", "reachability")
 
 
@@ -282,6 +283,7 @@ class Oracle:
                 false += [f"{title}: {what}" for what in regions.false(check, document, self.domain)]
             else:
                 false += [f"{title}: {what}" for what in self._false_in(check, W, P, Q)]
+            false += [f"{title}: {what}" for what in false_factor(check, document["checks"])]
         return false + self._false_overall(document, W)
 
     def _false_overall(self, document: dict[str, Any], W: Rows | None) -> list[str]:

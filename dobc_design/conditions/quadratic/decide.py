@@ -175,6 +175,20 @@ def eigenvalue_bound(M: SparseSymmetric) -> Fraction:
     return max(rows)
 
 
+def condition_bound(M: SparseSymmetric) -> Fraction | None:
+    """An upper bound of lambda_max(M) / lambda_min(M) for M > 0, close; exact for diagonal M.  None where lambda_min is
+    lost among the digits of lambda_max."""
+    if all(i == j for i, j in M.entries):
+        diagonal = M.diagonal()
+        return max(diagonal) / min(diagonal)
+    smallest = float(np.linalg.eigvalsh(to_float(M.to_dense()))[0])
+    for part in numbers.SHRINK:
+        bound = numbers.rounded_down(smallest * (1 - part), digits=12)
+        if bound and decide_positive_semidefinite(M.shifted(-bound)).verdict is Verdict.PROVED:
+            return eigenvalue_bound(M) / bound
+    return None
+
+
 def _gains_left_open(problem: Problem, lure: Lure) -> str | None:
     """Why the gains are not shown to lie in the ranges claimed; None if they are."""
     for each in lure.ranges:

@@ -33,6 +33,7 @@ from dobc_design.conditions.separable.claim import (
     ErrorBound,
     acts_by_component,
     holding_gains,
+    reach,
     require_coordinates,
     spread,
 )
@@ -206,6 +207,22 @@ class Cycles:
         """The largest N of errors with |e|_inf <= 1, in any phase that may be first."""
         begun = zip(phases_of(problem), self.phases, strict=bool(self.phases))
         return max((spread(self.T, each.v[0]) for phase, each in begun if phase.first), default=ONE)
+
+    @property
+    def height(self) -> Fraction:
+        """The largest |e|_inf exp(rate t) at a time t of a phase, of errors with N = 1 when it begins: N does not rise
+        within a phase, and falls at the rate from one phase to the next; 1 without weights."""
+        rate = self.rate or ZERO
+        heights = [ONE]
+        for each in self.phases:
+            for place, later in enumerate(each.times):
+                v = tuple(map(max, each.v[max(0, place - 1)], each.v[place]))
+                heights.append(reach(self.T, v) / shrunk(ONE, rate, later).lo)
+        return max(heights[1:], default=ONE)
+
+    def factor(self, problem: Problem) -> Fraction:
+        """|e(t)|_inf <= factor |e(0)|_inf exp(-rate t) + what the estimation error adds."""
+        return self.spread(problem) * self.height
 
     @property
     def most(self) -> Fraction:

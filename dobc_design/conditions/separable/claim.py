@@ -27,7 +27,7 @@ from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json
 from dobc_design.errors import ShapeError, SpecError
 from dobc_design.exact.matrix import Matrix, Vector, inverse, rank
 from dobc_design.exact.number import float_above, number_text
-from dobc_design.exact.symmetric import Doubles, least
+from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.problem.arrays import coupling_places
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
@@ -104,6 +104,11 @@ class Separable:
         """The largest |e|_inf of errors with N <= 1."""
         return reach(self.T, self.v)
 
+    @property
+    def factor(self) -> Fraction:
+        """|e(t)|_inf <= factor |e(0)|_inf exp(-rate t) + what the estimation error adds: max v / min v without T."""
+        return self.spread * self.reach
+
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved max-separable check."""
         values: dict[str, Any] = {
@@ -131,7 +136,7 @@ def spread(T: Matrix | None, v: Vector | Doubles) -> Fraction:
 
 def reach(T: Matrix | None, v: Sequence[Fraction]) -> Fraction:
     """The largest |e|_inf of errors with N <= 1."""
-    return max(v) if T is None else max(map(max, error_sizes(T, v)))
+    return largest(v) if T is None else max(map(max, error_sizes(T, v)))
 
 
 def error_sizes(T: Matrix, v: Sequence[Fraction]) -> Iterator[list[Fraction]]:

@@ -1,0 +1,159 @@
+"""The factor beside a rate: |e(t)| <= factor |e(0)| exp(-rate t); both programs refuse a smaller one."""
+
+import json
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from certified import certified
+from factor_oracle import least_factor, of_phases
+from scipy.linalg import expm
+
+from dobc_design import Dynamics, Exosystem, Network, Observer, Problem, Switching
+from dobc_design.certificate.text import certificate_bytes, read_claims
+from dobc_design.certification.recheck import recheck
+from dobc_design.checker import examine as checker
+from dobc_design.conditions.check import Check
+from dobc_design.errors import CertificateError
+from dobc_design.problem.canonical import canonical_bytes
+from dobc_design.problem.integrators import as_integrators
+
+WATCHED: dict[str, Any] = {"exosystem": Exosystem(A=[[0]], C=[[1]]), "observer": Observer(W=[[2]])}
+LESS = 1 - 1e-6
+
+
+def line(modes: Any, **settings: Any) -> Problem:
+    network = Network.from_arcs(modes, arrow="listens_to", agents=3)
+    return Problem(**{"network": network, "coupling": "2*y", "gains": {1: 1}} | settings)
+
+
+CHAIN = [[2, 1], [3, 2]]
+TURNS = {"A": [[2, 1]], "B": [[3, 2]]}
+DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
+CASES: dict[str, tuple[Problem, tuple[str, ...]]] = {
+    "box": (
+        line(CHAIN, **WATCHED, coupling="tanh(y)", region={"initial_states": [-1, 1], "initial_disturbance": 1}),
+        ("lemma1", "theorem1-weighted", "max-separable", "delay", "tolerance"),
+    ),
+    "ball": (line([[2, 1], [3, 2], [1, 3]], coupling=["2*y"], region={"initial_states": [-1, 1]}), ("lemma1",)),
+    "coordinates": (
+        line(CHAIN, dynamics=DOUBLE, coupling="y1 + 2*y2", gains={1: [[1, 2]]}, region={"initial_states": [-1, 1]}),
+        ("theorem1-weighted", "lure"),
+    ),
+    "turns": (line(TURNS, switching=Switching(signal="random", guarantee="dwell", dwell=1, longest=2)), ("schedule",)),
+    "chain": (
+        line(TURNS, switching=Switching(signal="markov", guarantee="markov", generator=[[-1, 1], [1, -1]])),
+        ("markov",),
+    ),
+    "held": (line(CHAIN, gains=1, switching=Switching(signal="mobile", radius=1)), ("safety",)),
+}
+
+
+@cache
+def document(name: str) -> dict[str, Any]:
+    problem = CASES[name][0]
+    return dict(json.loads(certificate_bytes(certified(problem, everything=name in ("ball", "coordinates")).claims)))
+
+
+def unreadable(name: str, changed: dict[str, Any]) -> bool:
+    """Whether both programs cannot read a certificate of this problem."""
+    data, problem = json.dumps(changed).encode(), as_integrators(CASES[name][0])
+    with pytest.raises(CertificateError):
+        read_claims(data)
+    with pytest.raises(checker.Refused):
+        checker.examine(data, canonical_bytes(problem))
+    return True
+
+
+def accepted(name: str, changed: dict[str, Any]) -> tuple[bool, bool]:
+    """Whether the package and the second program accept a certificate of this problem."""
+    data, problem = json.dumps(changed).encode(), as_integrators(CASES[name][0])
+    lone = checker.examine(data, canonical_bytes(problem))
+    return recheck(data, problem).holds, all(holds for holds, _ in lone)
+
+
+def with_factor(name: str, place: int, factor: float) -> dict[str, Any]:
+    """The certificate with another factor of one check, and with what follows of the verdict."""
+    changed = json.loads(json.dumps(document(name)))
+    own = changed["checks"][place]
+    if (changed["covered_by"], changed["factor"]) == (own["id"], own["factor"]):
+        changed["factor"] = factor
+    own["factor"] = factor
+    return dict(changed)
+
+
+PLACES = [(name, id) for name, (_, ids) in CASES.items() for id in ids]
+
+
+@pytest.mark.parametrize(("name", "id"), PLACES)
+def test_the_factor_is_the_least_that_follows_and_a_smaller_one_is_refused_by_both_programs(name: str, id: str):
+    whole = document(name)
+    place = next(k for k, each in enumerate(whole["checks"]) if each["id"] == id)
+    check = whole["checks"][place]
+    least = of_phases(check["exact"], [0, 1]) if id == "schedule" else least_factor(check, whole["checks"])
+    assert check["verdict"] == "proved"
+    assert least is not None
+    assert check["factor"] >= max(1.0, least * (1 - 1e-9))
+    assert check["factor"] <= least * (1.02 if id == "schedule" else 1 + 1e-6)
+    assert accepted(name, whole) == (True, True)
+    if check["factor"] > 1:
+        assert accepted(name, with_factor(name, place, check["factor"] * LESS)) == (False, False)
+
+
+@pytest.mark.parametrize("id", ["hurwitz", "observability", "sampling"])
+def test_a_check_without_a_bound_has_no_factor_and_may_claim_none(id: str):
+    place = next(k for k, each in enumerate(document("box")["checks"]) if each["id"] == id)
+    assert document("box")["checks"][place]["factor"] is None
+    assert accepted("box", with_factor("box", place, 1e9)) == (False, False)
+
+
+@pytest.mark.parametrize("factor", [0.999, 0, -1, 1e301, True, "1"])
+def test_a_factor_below_one_cannot_be_read(factor: Any):
+    assert unreadable("held", with_factor("held", 0, factor))
+
+
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [
+        ("3", 3.0),
+        ("1.5", 1.5),
+        ("1.50000000000000000000001", 1.5),
+        ("2.99999999999999999999999", math.nextafter(3, 0)),
+        ("1.00000000000000000000001", 1.0),
+    ],
+)
+def test_a_factor_is_never_read_as_more_than_is_written(text: str, read: float):
+    """A larger one claims less, other than a rate."""
+    name = "box"
+    changed = with_factor(name, 0, 777.0) | {"covered_by": None}
+    data = json.dumps(changed).replace("777.0", text).encode()
+    assert read_claims(data).checks[0].factor == read
+
+
+@pytest.mark.parametrize("name", ["coordinates", "ball"])
+def test_no_motion_of_a_linear_loop_leaves_the_bound(name: str):
+    """The matrix exponential of the loop, in the norm of the check."""
+    problem = as_integrators(CASES[name][0])
+    loop = _loop(name)
+    order = {"|e|": 2, "|e|_inf": np.inf}
+    bounds = [each for each in certified(CASES[name][0], everything=True).checks if each.factor is not None]
+    assert {each.norm for each in bounds} >= {"|e|"}
+    assert loop.shape == (problem.n * problem.m,) * 2
+    for time in np.linspace(0, 20, 41):
+        motion = expm(loop * time)
+        for each in bounds:
+            own: Check = each
+            if own.id in ("delay", "tolerance", "sampling"):
+                continue
+            most = (own.factor or 0.0) * math.exp(-(own.rate or 0.0) * time)
+            assert np.linalg.norm(motion, order[own.norm]) <= most * (1 + 1e-9)
+
+
+def _loop(name: str) -> Any:
+    """e' = loop e, from the numbers of the cases above."""
+    if name == "ball":
+        return np.array([[-3.0, 0, 2], [2, -2, 0], [0, 2, -2]])
+    arcs = np.array([[0.0, 0, 0], [1, -1, 0], [0, 1, -1]]) - np.diag([1.0, 0, 0])
+    return np.kron(np.eye(3), [[0, 1], [0, 0]]) + np.kron(arcs, [[0, 0], [1, 2]])

@@ -84,19 +84,12 @@ class Fix(Shown):
 class Check(Shown):
     """One condition, decided.
 
-<<<<<<< HEAD
-    ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``claim``: what is proved, exactly; ``exact``
-    is that as text.  ``mode`` is None on checks that speak of all modes together.  ``group``, the label of its first
-    agent, stands on checks of one group of agents where these have different exosystems.  ``applies``: False where an
-    undecided condition is not about such a problem at all.  ``cut``: True where time or work ran out before it was
-    decided, so that it says nothing about the problem.
-=======
     ``margin`` and ``rate`` (1/s) are rounded towards the weaker claim.  ``factor`` >= 1 belongs to the rate: |e(t)| <=
     factor |e(0)| exp(-rate t) + what the estimation error adds, in the norm ``norm``; None where no such bound follows.
     ``claim``: what is proved, exactly; ``exact`` is that as text.  ``mode`` is None on checks that speak of all modes
     together.  ``group``, the label of its first agent, stands on checks of one group of agents where these have
     different exosystems.  ``applies``: False where an undecided condition is not about such a problem at all.
->>>>>>> b1798d5c (Every rate has its factor, in the certificate and wherever the rate is shown)
+    ``cut``: True where time or work ran out before it was decided, so that it says nothing about the problem.
     """
 
     id: str

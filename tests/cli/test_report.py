@@ -67,7 +67,7 @@ def test_a_verdict_is_verified_before_it_is_repeated(dobc):
         out.splitlines()[0]
         == "The certificate says proved and is not confirmed: 1 claim does not hold for this problem."
     )
-    assert "NOT confirmed: rate, covered_by" in out
+    assert "NOT confirmed: rate, factor, covered_by" in out
     for name in ("report.html", "report.md"):
         page = Path("A", name).read_text("utf-8")
         assert "not confirmed" in page.lower() and "exp(" not in page and "100 1/s" not in page

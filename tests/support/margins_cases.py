@@ -46,10 +46,12 @@ def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, wit
     for key, value in changes.items():
         place = document["actuators"] if key == "limit" else check if key in ("rate", "domain") else check["exact"]
         place[key] = value
+    if check["rate"] is None:
+        check["factor"] = None
     if changes.get("domain") == "consensus" and document["region"] is not None:  # which covers no region
-        claims |= {"verdict": "undecided", "rate": None, "covered_by": None}
+        claims |= {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
     elif claims["covered_by"] == id:
-        claims["rate"] = check["rate"]
+        claims |= {"rate": check["rate"], "factor": check["factor"]}
     if without == "max-separable":
         claims["checks"] = [each for each in claims["checks"] if each["id"] != without]
     if without == "actuators":

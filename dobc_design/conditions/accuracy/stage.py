@@ -387,11 +387,13 @@ def _outer(
     if known is not None and isinstance(known.claim, Separable) and isinstance(known.domain, Mapping):
         return known.claim, (claimed(known.domain["radius"]), claimed(known.domain["disturbance"]))
     asked = read_region(problem, W, domain=domain, everything=True)
-    claim, radius = None, 0.0
+    found = None
     if known is None:
         with at_most(STAGE):
-            claim, radius = largest_claim(asked)
-    return claim, (claimed(radius), claimed(asked.disturbance))
+            found = largest_claim(asked)
+    if found is None:
+        return None, (Fraction(0), claimed(asked.disturbance))
+    return found.claim, (claimed(found.radius), claimed(asked.disturbance))
 
 
 def _stages(problem: Problem, peaks: Peaks | None, outer: Level) -> tuple[Level, ...]:

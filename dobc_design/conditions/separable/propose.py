@@ -18,6 +18,7 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
+from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, holding_gains, stuck_agents
 from dobc_design.conditions.separable.decide import largest_rate, verify_composite
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
@@ -282,6 +283,9 @@ SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
 # Weights above which v is steep, and the parts of the rate that are tried in its place.
 STEEP, FLATTER = 100.0, (0.9, 0.7, 0.4, 0.1, 0.02)
 ROUNDING = 1e-15  # of h, absolutely
+# v of a smaller factor are flat.  Rates that are tried for the least time to one percent, of few and of many agents;
+# the part of the time from which on a slower rate is not worth it.
+FLAT, SOONER, SOONER_LARGE, WORTH_IT = 1.05, 8, 2, 0.995
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -292,6 +296,23 @@ class SeparablePlan:
     rate: float
     rho: Fraction
     error: ErrorBound | None = None
+
+    @property
+    def whole_rate(self) -> float:
+        """The rate of V = N + kappa E (1/s)."""
+        if self.error is None:
+            return self.rate
+        return min(self.rate, float(self.error.beta - 1 / self.error.kappa))
+
+    @property
+    def factor(self) -> float:
+        """Max v / min v."""
+        return float(self.v.max() / self.v.min())
+
+    @property
+    def time(self) -> float:
+        """The time to one percent that it promises (s)."""
+        return time_to_one_percent(self.whole_rate, self.factor)
 
 
 def propose_separable(problem: Problem, *, rho: Fraction | float, near: float | None = None) -> SeparablePlan | None:
@@ -392,6 +413,64 @@ def design_separable(
             break
         low, high = (rate, high) if reached == rate else (low, rate)
     return best
+
+
+def sooner_plan(
+    problem: Problem, plan: SeparablePlan, *, radius: Fraction, disturbance: Fraction, W: Matrix | None
+) -> SeparablePlan:
+    """The plan for the same starts that promises the least time to one percent, ln(100 max v / min v) / rate; ``plan``
+    itself, which has the largest rate, where none is earlier.
+
+    The least v >= 1 of a rate has the least max v as well, so that one search over the rate does."""
+    longest = plan.whole_rate
+    if plan.factor < FLAT or longest <= 0:
+        return plan
+    best = plan
+    with np.errstate(all="ignore"):
+        field = field_of(problem, rho=float(plan.rho))
+        most = SOONER if problem.n <= FEW_AGENTS else SOONER_LARGE
+
+        def at(rate: float) -> float:
+            nonlocal best
+            v = least_solution(field, alpha=rate, start=np.ones(problem.n))
+            if v is None:
+                return math.inf
+            found = replace(plan, v=v, rate=rate)
+            best = min(best, found, key=lambda each: each.time)
+            return found.time
+
+        # Slower ones are later even with v = 1.
+        golden_section(at, longest * math.log(100) / math.log(100 * plan.factor), longest, steps=most)
+        if best.time > plan.time * WORTH_IT:
+            return plan
+        if best.error is None or problem.joint_exosystem is None or W is None or problem.n > FEW_AGENTS:
+            return best
+        # A slower V leaves kappa less to do, and then rho is smaller.
+        error = propose_error_bound(problem.joint_exosystem, W, rate=best.whole_rate)
+        if error is None:
+            return best
+        rho = radius_needed(radius, error, disturbance)
+        v = least_solution(field_of(problem, rho=float(rho)), alpha=best.whole_rate, start=np.ones(problem.n))
+    if v is None:
+        return best
+    nearer = SeparablePlan(v=v, rate=best.whole_rate, rho=rho, error=error)
+    return min(best, nearer, key=lambda each: each.time)
+
+
+def golden_section(f: Callable[[float], float], low: float, high: float, *, steps: int) -> None:
+    """Evaluate f at ``steps`` places that close in on its minimum between two ends."""
+    part = (math.sqrt(5) - 1) / 2
+    left, right = high - part * (high - low), low + part * (high - low)
+    values = {left: f(left), right: f(right)}
+    for _ in range(steps - 2):
+        if values[left] <= values[right]:
+            high, right = right, left
+            left = high - part * (high - low)
+            values[left] = f(left)
+        else:
+            low, left = left, right
+            right = low + part * (high - low)
+            values[right] = f(right)
 
 
 def flat_separable(

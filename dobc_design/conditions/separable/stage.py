@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 
+from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.conditions.check import Check, cut_check, limited, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down
@@ -92,41 +93,60 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
     if (stuck := checks.stuck_check(problem, W, domain=domain)) is not None:
         return [stuck]
     with at_most(STAGE):
-        claim, radius = largest_claim(asked)
+        found = largest_claim(asked)
         cut = exhausted()
-    if claim is None and cut is not None:
+    if found is None and cut is not None:
         return [cut_check("max-separable", domain, cut)]
-    if claim is None:
+    if found is None:
         reason = "no v is found"
         if domain != "global":
             reason += f", not even for |e_i| <= {asked.radius / 2**HALVINGS:.2g}"
         if domain != "global" and asked.disturbance:
             reason += f" together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help"
         return [undecided_check("max-separable", domain, f"{reason}.")]
+    claim, radius = found.claim, found.radius
     told = _remark(asked, claim, radius) if cut is None else f" The search for a larger box was {cut}"
+    told = fastest_in_words(found.fastest) + told
     check = checks.max_separable_check(
         problem, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told
     )
     return [check] if check.verdict is not Verdict.PROVED else [check, *_timing(asked, claim, check, report)]
 
 
-def largest_claim(asked: Asked) -> tuple[Separable | None, float]:
-    """A proved claim for the box asked for, else for the largest box that is found; and the radius of that box."""
-    claim = _claim(asked, asked.radius, _plan(asked, asked.radius))
-    if claim is not None or asked.domain == "global":
-        return claim, asked.radius
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A proved claim and the radius of its box; ``fastest``: the plan with the largest rate, if that is another one."""
+
+    claim: Separable
+    radius: float
+    fastest: SeparablePlan | None = None
+
+
+def fastest_in_words(plan: SeparablePlan | None) -> str:
+    """What the largest rate would be, as a sentence for a reason."""
+    if plan is None:
+        return ""
+    rate, factor = significant_towards_zero(plan.whole_rate), significant_away_from_zero(plan.factor, 3)
+    return f" The largest rate is about {rate} 1/s, with a factor of {factor}: it reaches one percent later."
+
+
+def largest_claim(asked: Asked) -> Found | None:
+    """A proved claim for the box asked for, else for the largest box that is found."""
+    found = _claim(asked, asked.radius, _plan(asked, asked.radius))
+    if found is not None or asked.domain == "global":
+        return found
     low, high = _short(asked.radius / 2**HALVINGS), asked.radius
-    claim = _claim(asked, low, _plan(asked, low))
-    if claim is None:
-        return None, 0.0
+    nearest = _claim(asked, low, _plan(asked, low))
+    if nearest is None:
+        return None
     for _ in range(HALVINGS - 1):
         radius = _short(high / 2)
         found = _claim(asked, radius, _plan(asked, radius))
         if found is not None:
-            claim, low = found, radius
+            nearest, low = found, radius
             break
         high = radius
-    proved, plans = low, list[tuple[float, SeparablePlan]]()  # of boxes that floating point covers, increasing
+    plans = list[tuple[float, SeparablePlan]]()  # of boxes that floating point covers, increasing
     close = next(part for size, part in CLOSE if asked.problem.n <= size)
     while high - low > close * high and low < (radius := _short((low + high) / 2)) < high:
         plan = _plan(asked, radius)
@@ -138,25 +158,35 @@ def largest_claim(asked: Asked) -> tuple[Separable | None, float]:
     for radius, plan in reversed(plans):
         found = _claim(asked, radius, plan)
         if found is not None:
-            return found, radius
-    return claim, proved
+            return found
+    return nearest
+
+
+def _starts(asked: Asked, radius: float) -> dict[str, Fraction]:
+    """What a plan has to cover; for linear couplings all boxes are alike."""
+    if asked.domain == "global":
+        return {"radius": Fraction(1), "disturbance": Fraction(0)}
+    return {"radius": claimed(radius), "disturbance": claimed(asked.disturbance)}
 
 
 def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
-    """What floating point proposes for a box; for linear couplings all boxes are alike."""
-    size = Fraction(1) if asked.domain == "global" else claimed(radius)
-    disturbance = Fraction(0) if asked.domain == "global" else claimed(asked.disturbance)
+    """What floating point proposes for a box, with the largest rate."""
     plan = None
     with surviving(f"no max-separable proposal for radius {radius}", WorkLimitError):
-        plan = propose.design_separable(asked.problem, radius=size, disturbance=disturbance, W=asked.W)
+        plan = propose.design_separable(asked.problem, **_starts(asked, radius), W=asked.W)
     return plan
 
 
-def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable | None:
-    """The plan as a certificate that covers the box, proved, with a little of its rate in hand; None if none is."""
+def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Found | None:
+    """The plan as a certificate that covers the box, proved, with a little of its rate in hand; None if none is.  Where
+    a slower rate reaches one percent earlier, that one."""
     if plan is None:
         return None
+    sooner = _sooner(asked, radius, plan)
     try:
+        claim = None if sooner is plan else _covering(asked, radius, sooner)
+        if claim is not None:
+            return Found(claim, radius, fastest=plan)
         claim = _covering(asked, radius, plan)
         if claim is None and asked.domain != "global":
             # A steep v compares agents so far apart that a coupling may leave every range there.
@@ -164,7 +194,18 @@ def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Separable
             claim = next((each for each in flatter if each is not None), None)
     except WorkLimitError:  # the boxes proved so far remain
         return None
-    return claim
+    return None if claim is None else Found(claim, radius)
+
+
+def _sooner(asked: Asked, radius: float, plan: SeparablePlan) -> SeparablePlan:
+    """The plan for the same box that promises the least time to one percent."""
+    errors = asked.problem.uncertainty
+    if errors is not None and (errors.weights or errors.gains):  # these take of the rate, of which little would be left
+        return plan
+    sooner = plan
+    with surviving(f"no earlier max-separable proposal for radius {radius}", WorkLimitError):
+        sooner = propose.sooner_plan(asked.problem, plan, **_starts(asked, radius), W=asked.W)
+    return sooner
 
 
 def _covering(asked: Asked, radius: float, plan: SeparablePlan) -> Separable | None:

@@ -193,7 +193,7 @@ def test_all_pinned_agents_reach_the_target_for_every_graph():
     )
     assert (check.rate, check.claim.rate) == (0.5, Fraction(1, 2))
     assert "All agents are pinned, so from there all reach the target for every graph and every motion" in check.reason
-    assert "in the region for every graph and every motion, at a rate of at least 0.5 1/s." in found.reason
+    assert "in the region for every graph and every motion, at a rate of at least 0.5 1/s with" in found.reason
 
 
 def test_an_observer_takes_its_part_of_the_box():

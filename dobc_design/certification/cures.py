@@ -23,6 +23,7 @@ from dobc_design.conditions.observer.decide import detectability_check, hurwitz_
 from dobc_design.conditions.observer.propose import design_gain
 from dobc_design.conditions.weighted.decide import network_holds, why_not
 from dobc_design.conditions.weighted.propose import network_claim
+from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.exact.matrix import Matrix, Vector, scale
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.problem.arrays import unreached
@@ -38,6 +39,7 @@ FACTORS = (1.0, 1.01, 1.1, 2.0)  # by which gains are raised until they are prov
 CURE = 100  # steps of work for a proposal, besides what its decision spends
 WORK = 5  # stages' work for a search
 LARGEST_LOOK = 60  # agents up to which one more pin is tried though the present ones do
+LARGE = 3000  # agents from which a cured problem is not decided as a whole
 CHEAPER = 0.8  # part of the total from which another pin is worth a word
 
 Decide = Callable[[Problem], Sequence[Check]]
@@ -109,9 +111,17 @@ def _model_and_network(
     if both is not None and theorem is not None and theorem.verdict is Verdict.REFUTED:
         progress("deciding the cured problem")
         cured = changed_problem(problem, both.set)
-        if _holds(cured, decide(cured)):
+        if _weights_do(cured) or _holds(cured, decide(cured)):
             found[theorem.id] = both
     return found
+
+
+def _weights_do(problem: Problem) -> bool:
+    """Whether the theorem is proved with weights, asked of large networks: the other checks of it are not needed."""
+    W = problem.joint_observer.W if problem.groups else None
+    if problem.n <= LARGE or (problem.groups and W is None):
+        return False
+    return _has_weights(weighted_stage(state_theorems(problem), W))
 
 
 def _holds(problem: Problem, checks: Sequence[Check]) -> bool:
@@ -208,8 +218,11 @@ def _proved(problem: Problem, proposals: Iterable[PinProposal]) -> Iterator[Acce
             accepted = Accepted(proposal=proposal, gains=proposal.rounded(factor=factor))
             cured = changed_problem(problem, _gain_changes(problem, accepted))
             statements = state_theorems(cured)
-            plain = all(is_negative(enclosed_lambda(statements, mode)) for mode in statements.lambdas)
-            if (plain and not proposal.rate) or _held_with_weights(cured, statements, rate=proposal.rate):
+            # A rate is that of a V with weights, which Lambda < 0 says nothing about.
+            plain = not proposal.rate and all(
+                is_negative(enclosed_lambda(statements, mode)) for mode in statements.lambdas
+            )
+            if plain or _held_with_weights(cured, statements, rate=proposal.rate):
                 yield accepted
                 break
 

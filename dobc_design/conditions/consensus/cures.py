@@ -11,13 +11,14 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 
 import numpy as np
 from scipy import sparse
 
 from dobc_design.conditions import numbers
 from dobc_design.conditions.consensus import pinning
-from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, network_blocks, smallest_gains
+from dobc_design.conditions.consensus.pinning import Blocks, fastest_rate, network_blocks, rough_rate, smallest_gains
 from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
 from dobc_design.exact.matrix import Matrix, to_float
 from dobc_design.problem.arrays import closed_groups
@@ -70,7 +71,7 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
         return
     if float(np.max(least, initial=0.0)) > 1e-9 * blocks.scale:
         yield replace(proposal, gains=dict(enumerate(least.tolist())), smallest=True)
-    rate = fastest_rate(blocks, agents) / 2
+    rate = rough_rate(blocks, agents) / 2
     if not np.isfinite(rate):  # every gain > 0 would do
         rate = blocks.scale / 8 if blocks.scale else 1.0
     faster = smallest_gains(pinning.for_rate(blocks, rate), agents)
@@ -82,6 +83,7 @@ def gains_on(blocks: Blocks, agents: Sequence[int], proposal: PinProposal) -> It
         yield replace(proposal, gains=dict(enumerate(faster.tolist())), smallest=False, rate=own)
 
 
+@lru_cache(maxsize=2)
 def _blocks(problem: Problem, *, pins: bool = False) -> Blocks | None:
     """For the true rate where one mode has rising couplings, else for V = e'e."""
     weighted = network_blocks(problem, pins=pins, weighted=True) if len(problem.network.modes) == 1 else None
@@ -188,7 +190,7 @@ def small_set(blocks: Blocks, problem: Problem, *, progress: Progress | None = N
     pins = problem.pinning.agents
     chosen = _one_of_each(blocks, groups_without_pin(problem))
     needed = list(chosen)
-    while fastest_rate(blocks, (*pins, *chosen)) <= NEARLY_ZERO * blocks.scale:
+    while rough_rate(blocks, (*pins, *chosen)) <= NEARLY_ZERO * blocks.scale:
         free = np.setdiff1d(np.arange(problem.n), [*pins, *chosen])
         if not len(free):
             break

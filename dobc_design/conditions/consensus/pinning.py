@@ -14,6 +14,7 @@ exactly.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,7 +24,13 @@ from scipy import linalg, optimize, sparse
 from scipy.sparse import csgraph
 from scipy.sparse.linalg import cg, eigs
 
-from dobc_design.conditions.consensus.propose import float_lambda, largest_eigenvalue, rows_of
+from dobc_design.conditions.consensus.propose import (
+    dominating_vector,
+    float_lambda,
+    is_symmetric,
+    largest_eigenvalue,
+    rows_of,
+)
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.conic import Cone, smat, solve_cones, svec, svec_diagonal
 from dobc_design.solvers.program import Array, factored
@@ -120,6 +127,20 @@ def fastest_rate(blocks: Blocks, allowed: Collection[int]) -> float:
     return min((lowest_on(table, rows)[0] / 2 for table in blocks.tables), default=0.0)
 
 
+def rough_rate(blocks: Blocks, allowed: Collection[int]) -> float:
+    """``fastest_rate``; of large symmetric Z-matrices a lower bound close to it, which takes fewer products."""
+    others = np.setdiff1d(np.arange(blocks.agents), list(allowed))
+    if not blocks.z or len(others) <= LARGE:
+        return fastest_rate(blocks, allowed)
+    least = math.inf
+    for table in blocks.tables:
+        block = table[others][:, others]
+        found = dominating_vector(-block) if is_symmetric(block) else None
+        shown = found is not None and found.least > 0
+        least = min(least, found.least if found is not None and shown else lowest_on(table, others)[0])
+    return least / 2
+
+
 def smallest_gains(blocks: Blocks, allowed: Collection[int], *, costs: Sequence[float] | None = None) -> Array | None:
     """The gains k (n,) of least ``costs`` c_i > 0 (None: 1) on the ``allowed`` agents, about; None if none can do."""
     weights = np.ones(blocks.agents) if costs is None else np.asarray(costs, dtype=np.float64)
@@ -181,11 +202,6 @@ def _factors(Z: Array, *, z: bool) -> list[Array]:
 def optimum(table: Any, chosen: Any, weights: Array, caps: Array | None = None) -> Shared | None:
     """The optimal gains for one Z-matrix S (n, n), at most ``caps`` (n,); None if none can do (theory, 7 and 10)."""
     return _with_caps(_uncapped, [table if is_symmetric(table) else within_parts(table)], chosen, weights, caps)
-
-
-def is_symmetric(table: Any) -> bool:
-    """Whether a sparse matrix equals its transpose."""
-    return bool((table != table.T).nnz == 0)
 
 
 def _with_caps(

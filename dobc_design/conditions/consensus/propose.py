@@ -50,6 +50,11 @@ def float_lambda(problem: Problem, mode: str, *, pins: bool = True, twice: bool 
     return sparse.coo_array((np.concatenate([values, values]), places), shape=(n * m, n * m))
 
 
+def is_symmetric(table: Any) -> bool:
+    """Whether a sparse matrix equals its transpose."""
+    return bool((table != table.T).nnz == 0)
+
+
 def rows_of(agents: Any, width: int) -> Any:
     """The rows that belong to these agents."""
     return (np.asarray(agents)[:, None] * width + np.arange(width)).ravel()

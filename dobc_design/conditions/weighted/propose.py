@@ -18,7 +18,7 @@ from scipy import linalg, sparse
 from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
-from dobc_design.conditions.consensus.propose import DENSE, decay_rate
+from dobc_design.conditions.consensus.propose import DENSE, decay_rate, is_symmetric
 from dobc_design.conditions.numbers import MANY_AGENTS, bisected, shorten
 from dobc_design.conditions.weighted.decide import Weighted, observer_bounds
 from dobc_design.errors import SpecError
@@ -147,7 +147,7 @@ def _pair(table: Any, shift: float, w: Array, u: Array) -> Perron | None:
     floors = [np.maximum(x, FLOOR if table.shape[0] > DENSE else 1.0) for x in (w, u)]
     x = None if solve is None else solve(floors[0], "N")
     y = x
-    if solve is not None and x is not None and (w is not u or (table != table.T).nnz):
+    if solve is not None and x is not None and (w is not u or not is_symmetric(table)):
         y = solve(floors[1], "T")
     if x is None or y is None:
         return None
@@ -167,13 +167,16 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
     if not np.all(scale > 0):
         return None
     iterates = size > DENSE and table.nnz > FEW_ENTRIES * size
+    iterate = sparse.linalg.bicgstab
+    if iterates and is_symmetric(table):
+        iterate = sparse.linalg.cg  # one product a step, and no breakdown
     factors: list[Any] = []
 
     def answers(right: Array, which: str) -> Iterator[Array]:
         matrix, start = matrices[which], right / scale
         for close in CLOSE if iterates and not factors else ():
             near = sparse.diags_array(1 / scale)
-            start = sparse.linalg.bicgstab(matrix, right, x0=start, M=near, rtol=close, maxiter=QUICK)[0]
+            start = iterate(matrix, right, x0=start, M=near, rtol=close, maxiter=QUICK)[0]
             yield start
         if not factors:
             if iterates:
@@ -200,6 +203,9 @@ def _solver(table: Any, rate: float) -> Callable[[Array, str], Array | None] | N
 
 def _weights(tables: Mapping[str, Any], rate: float) -> Array | None:
     """Weights D (n m,) that seem to do for this rate in every mode, the largest 1; None if none are seen."""
+    (first, *others) = tables.values()
+    if not others and first.shape[0] > DENSE and is_symmetric(first):
+        return np.ones(first.shape[0])  # u = w
     logarithms = []
     for M in tables.values():
         solve, ones = _solver(M, rate), np.ones(M.shape[0])

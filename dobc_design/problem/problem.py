@@ -380,8 +380,6 @@ class Problem(Shown):
     def _card(self) -> Card:
         labels, modes = self.network.labels, self.network.modes
         facts: list[tuple[str, Any]] = list(self.coupling._card().facts)
-        if self.exceptions:
-            facts.append(("other couplings", f"on {counted(len(self.exceptions), 'arc')}"))
         facts.append(("target", self.target[0] if self.m == 1 else (self.target,)))
         facts += (
             []

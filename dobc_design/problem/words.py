@@ -22,6 +22,7 @@ from dobc_design.problem.settings import Region, Switching
 from dobc_design.problem.uncertainty import Actuators, Uncertainty
 
 LISTED = 30
+MOST_COUPLINGS = 8  # beside the default one, and arcs with each of them
 FIRST = 8  # labels and modes in the first line
 
 
@@ -60,6 +61,8 @@ def table_words(problem: Problem) -> list[tuple[str, str]]:
     """What the tables of the file beside network, pins and disturbance say: a name, and the rest of a sentence."""
     labels, switching = problem.network.labels, problem.switching
     found = []
+    if problem.exceptions:
+        found.append(("other couplings", exception_words(problem)))
     if problem.offsets:
         offsets = [f"{labels[i]}: {_vector(offset)}" for i, offset in problem.offsets.items()]
         found.append(("formation offsets", some(offsets, LISTED)))
@@ -76,6 +79,20 @@ def table_words(problem: Problem) -> list[tuple[str, str]]:
         found.append(("proofs may assume", assumed))
     found.append(("simulations", simulation_words(problem)))
     return found
+
+
+def exception_words(problem: Problem) -> str:
+    """Which arcs have a coupling of their own, coupling by coupling."""
+    labels = problem.network.labels
+    arcs: dict[int, list[str]] = defaultdict(list)
+    for (listener, speaker), place in problem.exception_places.items():
+        arcs[place].append(f"{labels[listener]} listens to {labels[speaker]}")
+    said = []
+    for place in list(arcs)[:MOST_COUPLINGS]:
+        h = "; ".join(problem.couplings[place].texts)
+        said.append(f"h = {h} where {some(arcs[place], MOST_COUPLINGS)}")
+    more = len(arcs) - len(said)
+    return "; ".join(said) + (f"; and {more} more" if more > 0 else "")
 
 
 def _region_words(region: Region) -> str:

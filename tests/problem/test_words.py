@@ -57,6 +57,7 @@ def test_words_say_what_else_is_asked():
         "  2 listens to 1",
         "  Every agent is reached from a pinned agent.",
         "Pinned: 1 (k = matrix).",
+        "Other couplings: h = 2*y where 1 listens to 2.",
         "Formation offsets: 2: (3/2, 3/2).",
         "Observer gain W: given. P: given, will be tested.",
         "Region asked for: initial states in [0, 5], [0, 5], estimation error at most 1/2.",
@@ -98,6 +99,10 @@ TABLES = (
     (
         {"simulation": {"t_final": 7, "seed": 3, "x0": [2], "xi0": [1]}},
         "Simulations: 7 s, seed 3; they start at x0, all agents at 2; the exosystem starts at xi0, 1 for all agents.",
+    ),
+    (
+        {"exceptions": {(0, 1): "2*y", (1, 2): "tanh(y)"}},
+        "Other couplings: h = 2*y where a listens to b; h = tanh(y) where b listens to c.",
     ),
     ({"offsets": {"a": 1}}, "Formation offsets: a: 1."),
     ({"region": {"initial_states": [0, 1], "initial_disturbance": 1}}, "Region asked for: initial states in [0, 1]"),

@@ -29,6 +29,8 @@ def agreement_words(problem: Problem) -> str:
             where = f" in mode {name}" if len(modes) > 1 else ""
             return f"Nor do they agree with each other{where}: neither {first} nor {second} hear anybody else."
         roots.append(set(groups[0]))
+    if problem.uncertainty is not None or problem.actuators is not None:
+        return ""  # what they leave of it is not decided here
     if not _attract(problem) or not all(map(_estimates_decay, problem.groups)):
         return ""
     common = set.intersection(*roots)

@@ -211,10 +211,12 @@ def test_agents_without_pins_agree_and_what_is_not_reached_is_the_target():
         (('"4*y"', '"4*y + y**3"'), "agree with each other, from close enough starts, because"),
         (('"4*y"', '"y**3"'), ""),
         (("constant = true", "constant = true\n[observer]\nW = [[-1]]"), ""),
+        (("[exosystem]", "[uncertainty]\ndisturbance = 1\n[exosystem]"), ""),
     ],
 )
 def test_agreement_is_said_only_where_it_holds(change: tuple[str, str], words: str):
-    """A chain, two groups, a nonlinear coupling, one that hardly attracts, an observer whose error grows."""
+    """A chain, two groups, a nonlinear coupling, one that hardly attracts, an observer whose error
+    grows, a disturbance that no observer knows."""
     text = LEADERLESS.replace(*change)
     assert text != LEADERLESS
     found = [remark for remark in remarks(read(text)) if "No agent is pinned" in remark]

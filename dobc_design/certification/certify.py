@@ -33,7 +33,7 @@ from dobc_design.conditions.coverage import NEAR, Asked, Progress, covers, read_
 from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
 from dobc_design.conditions.linearisation.stage import linearisation_stage
-from dobc_design.conditions.margins.stage import is_asked, margins_stage
+from dobc_design.conditions.margins.stage import inputs_stage, is_asked, margins_stage
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
@@ -42,6 +42,7 @@ from dobc_design.conditions.schedule.cycles import phases_of
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, schedule_stage, settle, settling_stage
 from dobc_design.conditions.separable.stage import separable_stage
+from dobc_design.conditions.stated import stated_in
 from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError
 from dobc_design.exact.matrix import Matrix, multiply, to_float
@@ -120,6 +121,8 @@ def certify(
         checks += tuple(
             _ending("accuracy", domain, lambda: accuracy_stage(problem, W, checks, domain=domain, report=report))
         )
+        asked = read_region(problem, W, domain=domain, everything=everything)
+        checks += tuple(_ending("actuators", domain, lambda: inputs_stage(asked, checks, report)))
         checks += tuple(other_equilibria(problem, W, checks, report=report))
         checks = with_factors(problem, tuple(writable(check, domain) for check in checks), W)
         overall = decide_overall(problem, checks, W)
@@ -186,8 +189,8 @@ def region_checks(
 ) -> list[Check]:
     """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are
     for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.  Of linear
-    couplings the same holds from every start, which may decide a question without a region.  Last, what it leaves room
-    for: [uncertainty] and [actuators]."""
+    couplings the same holds from every start, which may decide a question without a region.  Last, what errors of
+    weights and gains it leaves room for."""
     known = any(covers(problem, check, checks) for check in checks)
     if problem.region is None and not known:
         known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
@@ -202,11 +205,9 @@ def region_checks(
             asked = read_region(problem, W, domain=domain, everything=False)
             asked = replace(asked, radius=NEAR, disturbance=NEAR * (W is not None))
             found = separable_stage(asked, report)
-            return (
-                found
-                if any(covers(problem, check, found) for check in found)
-                else found + schedule_stage(asked, report) + markov_stage(asked, report)
-            )
+            if not any(covers(problem, check, found) for check in found):
+                found += schedule_stage(asked, report) + markov_stage(asked, report)
+            return found + (margins_stage(asked, found, report) if stated_in(problem).relative else [])
         known = known or domain != "global"
     asked = read_region(problem, W, domain=domain, everything=everything)
     found = []
@@ -234,6 +235,7 @@ def other_equilibria(
 ) -> Iterator[Check]:
     """The check that refutes a region with a second equilibrium, where nothing is proved or refuted so far."""
     can = problem.region is not None and (W is not None or not problem.groups)
+    can = can and not any(covers(problem, check, checks) for check in checks)
     if can and out_of_time() is None and decide_overall(problem, checks, W).verdict is Verdict.UNDECIDED:
         from dobc_design.falsification.search import equilibrium_check
 

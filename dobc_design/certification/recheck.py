@@ -213,19 +213,23 @@ def recheck(certificate: Claims | bytes, problem: Problem) -> Recheck:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trusted:
-    """What claims are confirmed against; ``separable``: the max-separable check beside, for delays and sampling."""
+    """What claims are confirmed against; ``separable`` and ``accuracy``: the checks of these ids beside, on which
+    others rest."""
 
     problem: Problem
     statements: Statements
     W: Matrix | None
     pair: Pair | None
     separable: Check | None = None
+    accuracy: Check | None = None
 
 
 def trust(claims: Claims, problem: Problem) -> Trusted:
     """What the claims are confirmed against, with the vectors v > 0 that proved checks of Lemma 1 bring."""
     pair = None if claims.P is None or claims.Q is None else Pair(P=claims.P, Q=claims.Q)
-    separable = next((check for check in claims.checks if check.id == "max-separable"), None)
+    separable, final = (
+        next((check for check in claims.checks if check.id == id), None) for id in ("max-separable", "accuracy")
+    )
     statements, vectors = state_theorems(problem), {}
     for check in claims.checks:
         exact = check.exact if check.id == "lemma1" and check.verdict is Verdict.PROVED else None
@@ -237,7 +241,7 @@ def trust(claims: Claims, problem: Problem) -> Trusted:
             if len(vector) == problem.n * problem.m and check.mode in statements.lambdas:
                 vectors[str(check.mode)] = vector
     statements = consensus.with_vectors(statements, vectors)
-    return Trusted(problem=problem, statements=statements, W=claims.W, pair=pair, separable=separable)
+    return Trusted(problem=problem, statements=statements, W=claims.W, pair=pair, separable=separable, accuracy=final)
 
 
 def expected_checks(problem: Problem) -> tuple[tuple[str, str | None, str | None], ...]:
@@ -278,7 +282,7 @@ def confirm(check: Check, trusted: Trusted) -> str | None:
     if check.kind.topic == "separable":
         return separable.confirm(check, problem, W, domain=domain, proof=trusted.separable)
     if check.kind.topic == "margins":
-        return margins.confirm(check, problem, W, domain=domain, proof=trusted.separable)
+        return margins.confirm(check, problem, W, domain=domain, proof=trusted.separable, final=trusted.accuracy)
     if check.kind.topic in REGIONAL:
         return REGIONAL[check.kind.topic](check, problem, W, domain=domain)
     refutes = check.verdict is Verdict.REFUTED and check.id in ("theorem1", "theorem2")

@@ -6,7 +6,7 @@ until then they are part of V, as in max-separable. The peak gains in b_i are su
 
 import math
 from fractions import Fraction
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 from operator import mul
 from types import SimpleNamespace
@@ -14,11 +14,12 @@ from typing import Any
 
 from .consensus import closed
 from .coordinates import gains, inverse, outputs, shown, sizes, spread
-from .files import Certificate, Problem
+from .expressions import Coupling
+from .files import Arc, Certificate, Problem
 from .intervals import enclosed
 from .matrices import ZERO, Matrix, identity, integers, plus, product, transpose
 from .reading import an_object, index, matrix, maybe, need, rational, read, weights
-from .separable import Curve, Row, composite, curved_row, holds_box, linear_row, starts, tables
+from .separable import Curve, Row, composite, curved_row, holds_box, linear_row, secants, starts, tables
 
 STAGES, AGENTS, STEPS, GROWTH = 30, 500, 20_000, 2000
 
@@ -78,35 +79,65 @@ def shrinks_turned(case: Certificate, T: Matrix, stage: Any, peaks: Any) -> None
     """All rows of a stage in coordinates, with what acts on each agent through B, on [level, rho]: they are linear."""
     p, plant = case.problem, case.problem.uncertainty
     need(plant.measurement == 0, "measurement noise is not known in coordinates")
+    need(plant.weights == plant.gains == 0, "errors of weights and gains are not known in coordinates")
     b = (plant.disturbance * (1 + peaks.disturbance) + plant.drift * peaks.drift) / stage.level
     load = [b * sum(map(abs, row)) for row in (T if p.B is None else product(T, p.B))]
     shown(case, SimpleNamespace(**vars(stage), T=T), inverse(T), load * p.n)
 
 
-def shrinks(p: Problem, stage: Any, peaks: Any) -> None:
-    """Both faces of all rows of a stage, with what acts on each agent, on [level, rho]."""
-    plant, (v, bottom), noise = p.uncertainty, integers(stage.v), 2 * p.uncertainty.measurement
-    everywhere = plant.disturbance * (1 + peaks.disturbance) + plant.drift * peaks.drift + noise / 2 * peaks.measurement
-    agents = [(i, heard[i]) for heard in p.heard.values() for i in range(p.n)]
+def shrinks(p: Problem, stage: Any, peaks: Any) -> list[tuple[Fraction, Fraction]]:
+    """Both faces of all rows of a stage, with what acts on each agent, on [level, rho]: each weight and gain at its
+    worse end. What an observer passes on it may have seen in any mode. Returned: what of this the input of every agent
+    adds, a part of N and a number."""
+    plant, (v, bottom) = p.uncertainty, integers(stage.v)
+    off, noise = 1 + plant.weights, 2 * plant.measurement
+    unknown = ZERO if plant.known_to_agents else plant.weights * peaks.disturbance
+    everywhere = plant.disturbance * peaks.disturbance + plant.drift * peaks.drift + noise / 2 * peaks.measurement
+    by_input = [(ZERO, ZERO)] * p.n
+    modes = list(p.heard.values())
+    agents = [(i, heard[i]) for heard in modes for i in range(p.n)]
     curves = tables(stage, ((arc.coupling, v[i], v[arc.j]) for i, heard in agents for arc in heard), bottom, False)
-    for i, heard in agents:
-        load = everywhere + noise / 2 * max((sum(map(abs, row)) for row in p.gains.get(i, [])), default=0)
-        for arc in heard if noise else ():
-            steepest = max(map(abs, arc.coupling.slope(0, 0)))
-            if stage.rho is not None:
-                reach = enclosed(stage.rho * Fraction(v[i] + v[arc.j], bottom) + noise)[1]
-                found = max(map(abs, Curve(arc.coupling, False).at((-reach, reach))[1]))
-                need(math.isfinite(found), "a slope is not bounded")
-                steepest = Fraction(found)
-            load += noise * (1 + peaks.disturbance) * arc.w * steepest
-        terms = tuple((arc.coupling, arc.w, v[arc.j], arc.loose) for arc in heard)
-        row = Row(v[i], (p.least_gain(i) - stage.alpha) * v[i], terms)
+
+    @cache
+    def steepest(h: Coupling, width: int, wider: Fraction) -> Fraction:
+        """A bound of the slope of h, which is one of h(y)/y as well, on |y| <= rho width + wider."""
         if stage.rho is None:
-            holds = linear_row(row, load=load * bottom / stage.level)
+            return max(map(abs, h.slope(0, 0)))
+        reach = enclosed(stage.rho * Fraction(width, bottom) + wider)[1]
+        found = max(map(abs, Curve(h, False).at((-reach, reach))[1]))
+        need(math.isfinite(found), "a slope is not bounded")
+        return Fraction(found)
+
+    @cache
+    def secant(h: Coupling, width: int) -> Fraction:
+        """A bound of |h(y)/y| on |y| <= rho width."""
+        if stage.rho is None:
+            return max(map(abs, h.slope(0, 0)))
+        return max(secants(h, enclosed(stage.rho * Fraction(width, bottom))[1]))
+
+    def slopes(i: int, heard: list[Arc]) -> Fraction:
+        return sum((arc.w * steepest(arc.coupling, v[i] + v[arc.j], noise) for arc in heard), ZERO) if noise else ZERO
+
+    def pulled(i: int, heard: list[Arc]) -> Fraction:
+        widths = ((arc, v[i] + v[arc.j]) for arc in heard)
+        return sum((arc.w * y * secant(arc.coupling, y) for arc, y in widths), ZERO) if unknown else ZERO
+
+    for i, heard in agents:
+        k = (1 + plant.gains) * max((sum(map(abs, row)) for row in p.gains.get(i, [])), default=0)
+        largest = max(slopes(i, each[i]) for each in modes)
+        passed = everywhere + noise / 2 * k + noise * off * peaks.disturbance * largest
+        load = plant.disturbance + noise * off * slopes(i, heard) + passed
+        eta = unknown * max(pulled(i, each[i]) for each in modes)
+        by_input[i] = (Fraction(eta) / bottom, passed)
+        terms = tuple((arc.coupling, arc.w, v[arc.j], arc.loose) for arc in heard)
+        row = Row(v[i], (p.least_gain(i, plant.gains) - stage.alpha) * v[i] - eta, terms)
+        if stage.rho is None:
+            holds = linear_row(row, plant.weights, load=load * bottom / stage.level)
         else:
-            span = partial(curved_row, row, bottom, stage.rho, curves, start=stage.level, load=load)
-            holds = all(span(face) for face in (False, True))
+            options = {"error": plant.weights, "start": stage.level, "load": load}
+            holds = all(curved_row(row, bottom, stage.rho, curves, face, **options) for face in (False, True))
         need(holds, f"the row of agent {p.labels[i]} is not shown")
+    return by_input
 
 
 def need_peaks(case: Certificate, group: Any, peaks: Any) -> None:

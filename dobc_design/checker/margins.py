@@ -1,25 +1,16 @@
 """tolerance and actuators: what a max-separable proof leaves to errors of the model, and the inputs that it needs."""
 
-import math
-from collections.abc import Iterator
 from fractions import Fraction
 from functools import partial
-from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
+from .accuracy import shrinks
 from .files import Certificate
-from .intervals import absolute, divided, enclosed
-from .matrices import ZERO, Matrix, product, transpose
+from .intervals import enclosed
+from .matrices import ZERO, Matrix, product, root, transpose
 from .reading import an_object, need, rational, read, weights
-from .separable import Curve, beside, holds_box, pace, read_separable, rows, starts
-
-CUTS = 1024  # of the interval on which |h(y)/y| is bounded
-
-
-def root(square: Fraction) -> Fraction:
-    """An upper bound of a square root."""
-    return Fraction(math.isqrt(math.ceil(square * 4**60)) + 1, 2**60)
+from .separable import beside, composite, holds_box, observed, pace, read_separable, rows, secants, starts
 
 
 def tolerance(case: Certificate, check: Any) -> None:
@@ -56,32 +47,54 @@ def pull(case: Certificate, claim: Any) -> Fraction:
     return norm * max(sum((arc.w * y * slopes[arc.coupling] for arc, y in each), ZERO) for each in agents)
 
 
-def secants(h: Any, end: float) -> Iterator[Fraction]:
-    """Upper bounds of |h(y)/y| on pieces of |y| <= end: |h| over the nearer end, or the steepest slope so far."""
-    steepest, curves = 0.0, [Curve(h, mirrored) for mirrored in (False, True)]
-    for a, b in pairwise([*(end * (k / CUTS) for k in range(CUTS)), end]):
-        both = [curve.at((a, b)) for curve in curves]
-        steepest = max(steepest, *(absolute(slope)[1] for _, slope in both))
-        largest = max(divided(absolute(value), (a, a))[1] for value, _ in both) if a else steepest
-        yield Fraction(min(steepest, largest))
-
-
 def actuators(case: Certificate, check: Any) -> None:
-    """On {V <= rho} |u_i| <= rho max(|k_i| v_i, 1/kappa) + |d_i|, which no limit is below."""
-    p, proofs = case.problem, [each for each in case.checks if (each.id, each.verdict) == ("max-separable", "proved")]
-    exact = read(check.exact, {"rho": rational, "inputs": an_object})
-    need(bool(proofs) and p.actuators is not None and check.rate is None, "there is no proof, or nothing is asked")
-    claim = read_separable(case, proofs[0].exact)
-    need(0 < exact.rho <= (claim.rho or exact.rho), "rho is not that of the proof")
+    """On {V <= rho} |u_i| <= rho |k_i| v_i + max(0, 1 - kappa |k_i| v_i) E0 + |d_i|, which no limit is below; under
+    what `uncertainty` adds the box is shown here, and more comes to |u_i|."""
+    p, plant = case.problem, case.problem.uncertainty
+    need(p.actuators is not None and check.rate is None, "it is not asked for, or has a rate")
     starts(case, check.domain, "box")
-    holds_box(claim, check.domain, exact.rho)
+    acts = plant is not None and (plant.disturbance or plant.measurement or (plant.drift and p.q))
+    shape: dict[str, Any] = {"rho": rational, "inputs": an_object}
+    if acts:
+        shape |= {"v": partial(weights, p.n), "alpha": rational, "level": rational} | observed(p)
+    exact = read(check.exact, shape)
+    if acts:
+        added, claim = loaded(case, check, exact), exact
+    else:
+        proofs = [each for each in case.checks if (each.id, each.verdict) == ("max-separable", "proved")]
+        need(bool(proofs), "there is no proof")
+        claim, added = read_separable(case, proofs[0].exact), [(ZERO, ZERO)] * p.n
+        need(0 < exact.rho <= (claim.rho or exact.rho), "rho is not that of the proof")
+        holds_box(claim, check.domain, exact.rho)
     need(set(exact.inputs) == set(p.labels), "there is not one input for each agent")
-    more = 1 + (p.uncertainty.gains if p.uncertainty else 0)
+    more = 1 + (plant.gains if plant else 0)
+    unknown = plant is not None and not plant.known_to_agents and not acts
+    first = root(claim.size * check.domain.disturbance**2) if p.q and check.domain.disturbance else ZERO
     for i, label in enumerate(p.labels):
-        k = more * max((sum(map(abs, row)) for row in p.gains.get(i, [])), default=ZERO)
-        level, most = exact.rho * max(k * claim.v[i], 1 / claim.kappa if p.q else ZERO), rational(exact.inputs[label])
+        k = more * max((sum(map(abs, row)) for row in p.gains.get(i, [])), default=ZERO) * claim.v[i]
+        level = exact.rho * (k + added[i][0]) + added[i][1]
+        if p.q:
+            level += (exact.rho / claim.kappa if unknown else first) * max(ZERO, 1 - claim.kappa * k)
+        most = rational(exact.inputs[label])
         need(level + amplitude(case, i) <= most, f"the input of agent {label} may be larger")
         need(most <= p.actuators.limit.get(i, most), f"the input of agent {label} may exceed its limit")
+
+
+def loaded(case: Certificate, check: Any, claim: Any) -> list[tuple[Fraction, Fraction]]:
+    """No start leaves {V <= rho} under everything in `uncertainty`; what it adds to every input: a part of rho, and a
+    number. The peak gains are those of the accuracy beside."""
+    p, found = case.problem, [each for each in case.checks if (each.id, each.verdict) == ("accuracy", "proved")]
+    need(bool(found), "there is no proof of accuracy")
+    names = ("disturbance", "drift", "measurement")
+    given = an_object(found[0].exact).get("peaks") if p.q else dict.fromkeys(names, "0")
+    peaks = SimpleNamespace(**{name: rational(an_object(given).get(name)) for name in names})
+    need(claim.alpha > 0 and claim.level > 0, "a number of the box is not positive")
+    need(p.q == 0 or claim.kappa * claim.beta * min(claim.v) > 1, "kappa is too small")
+    composite(case, claim)
+    radius = max(check.domain.radius, claim.level * min(claim.v))
+    holds_box(claim, SimpleNamespace(radius=radius, disturbance=check.domain.disturbance), claim.rho)
+    stage = SimpleNamespace(**vars(claim) | {"rho": None if p.domain == "global" else claim.rho})
+    return shrinks(p, stage, peaks)
 
 
 def amplitude(case: Certificate, i: int) -> Fraction:
@@ -91,6 +104,7 @@ def amplitude(case: Certificate, i: int) -> Fraction:
         return Fraction(p.actuators.amplitude or 0)
     if i not in p.place:
         return ZERO
+    need(p.uncertainty is None or p.uncertainty.drift == 0, "amplitudes drift, and none is given")
     group, given = p.groups[p.place[i]], read(p.simulation.get("xi0") or [], [[rational]])
     x: Matrix = transpose(given[min(i, len(given) - 1) :][:1])
     need(len(x) == len(group.A), "there is no start of the disturbance")

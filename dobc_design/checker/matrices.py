@@ -16,6 +16,11 @@ Rows = list[dict[int, Fraction]]  # a sparse matrix
 ZERO = Fraction(0)
 
 
+def root(square: Fraction) -> Fraction:
+    """An upper bound of a square root."""
+    return Fraction(math.isqrt(math.ceil(square * 4**60)) + 1, 2**60)
+
+
 # --- Sums and products ------------------------------------------------------------------------------------------------
 def identity(size: int, factor: Fraction | int = 1) -> Matrix:
     """The identity times a factor; 0 gives a matrix of zeros."""

@@ -13,8 +13,7 @@ from typing import Any
 from .cycles import HALVINGS, TIMES, Face, ends_of, fading, keeps, read_cycles, shown, timed, turn_at
 from .files import Certificate
 from .intervals import enclosed
-from .margins import root
-from .matrices import ZERO, identity, nonnegative, plus
+from .matrices import ZERO, identity, nonnegative, plus, root
 from .quadratic import contained, inside, read_quadratic
 from .reading import an_object, need, rational, read, text, weights
 from .separable import Curve, composite, pace, read_separable, rows, starts

@@ -16,13 +16,29 @@ from typing import Any, NamedTuple
 from .consensus import omega
 from .expressions import Coupling, variables
 from .files import Arc, Certificate, Problem
-from .intervals import NOTHING, ONE, Exact, Floats, added, by_decimal, dot, enclosed, hull, negative, times, total
+from .intervals import (
+    NOTHING,
+    ONE,
+    Exact,
+    Floats,
+    absolute,
+    added,
+    by_decimal,
+    divided,
+    dot,
+    enclosed,
+    hull,
+    negative,
+    times,
+    total,
+)
 from .matrices import ZERO, Matrix, definite, echelon, identity, integers, nonnegative, plus, product, transpose
 from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read, same, short, still, text, weights
 
 EQUATIONS = 60  # of an equilibrium at most
 PIECES = 20_000  # into which one row is cut at most
 SHORTEST = 2.0**-200  # part of rho: a row that fails at s = 0 fails on every piece (0, s]
+CUTS = 1024  # of the interval on which |h(y)/y| is bounded
 CELLS = 12  # halvings of an interval on which the sign of a slope is sought; 2^(CELLS + 2) pieces of a coupling
 
 
@@ -89,6 +105,16 @@ class Curve:
         """The cells of the table between two numbers."""
         first = bisect_right(self.table, lo, key=itemgetter(0)) - 1
         return self.table[max(0, first) : bisect_left(self.table, hi, key=itemgetter(0))]
+
+
+def secants(h: Any, end: float) -> Iterator[Fraction]:
+    """Upper bounds of |h(y)/y| on pieces of |y| <= end: |h| over the nearer end, or the steepest slope so far."""
+    steepest, curves = 0.0, [Curve(h, mirrored) for mirrored in (False, True)]
+    for a, b in pairwise([*(end * (k / CUTS) for k in range(CUTS)), end]):
+        both = [curve.at((a, b)) for curve in curves]
+        steepest = max(steepest, *(absolute(slope)[1] for _, slope in both))
+        largest = max(divided(absolute(value), (a, a))[1] for value, _ in both) if a else steepest
+        yield Fraction(min(steepest, largest))
 
 
 # --- Bounds on a piece a <= s <= b ------------------------------------------------------------------------------------

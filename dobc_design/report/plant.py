@@ -9,7 +9,6 @@ from typing import Any
 from dobc_design._show.text import significant_away_from_zero, significant_towards_zero, typeset
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
-from dobc_design.conditions.margins.stage import UNCOUNTED
 from dobc_design.conditions.numbers import read_rational
 from dobc_design.exact.reading import counted
 from dobc_design.problem.problem import Problem
@@ -89,8 +88,6 @@ def _told(problem: Problem, check: Check) -> doc.Section:
         limits = {label: problem.actuators.limit_of(label) for label in inputs} if problem.actuators else {}
         text = "No component of an input is ever larger than this"
         text += ", so no actuator with a limit saturates." if any(limits.values()) else "."
-        if problem.uncertainty is not None:
-            text += UNCOUNTED
         table = _worst(inputs, "|uᵢ| ≤", limits)
     where = f"{' for' if isinstance(check.domain, Mapping) else ''} {words.domain_words(check.domain)}"
     head = f"{check.verdict.value.capitalize()}{where if proved else ''}"

@@ -96,8 +96,8 @@ def test_the_removal_of_a_check_is_noticed(removal: Removal):
 #: Slips that accept what is false.
 SLIPS = (
     ("margins", "square[k][k] == -w", "square[k][k] == w", margins_cases),
-    ("accuracy", "bottom) + noise)[1]", "bottom) - noise)[1]", accuracy_cases),
-    ("accuracy", "Fraction(v[i] + v[arc.j], bottom)", "Fraction(v[i] - v[arc.j], bottom)", accuracy_cases),
+    ("accuracy", "bottom) + wider)[1]", "bottom) - wider)[1]", accuracy_cases),
+    ("accuracy", "v[i] + v[arc.j], noise)", "v[i] - v[arc.j], noise)", accuracy_cases),
 )
 
 

@@ -28,6 +28,7 @@ from dobc_design.problem.dynamics import Dynamics
 
 Change = Callable[[Any, Any], None]
 PEAKS = ("disturbance", "drift", "measurement")
+RELATIVE = ("weights", "gains")
 ALL = {"disturbance": "1/10", "drift": "1/20", "measurement": "1/50"}
 BOX = REGION | {"initial_disturbance": "1/10"}
 WATCHED: dict[str, Any] = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
@@ -161,4 +162,5 @@ def accuracy_cases() -> list[Case]:
         bent(two(**TWICE), by_component, "dynamics by component"),
         bent(two(**MIXED), wider, "a list by component"),
         bent(*turned, "noise in coordinates", put("1", "uncertainty", "measurement", of="problem")),
+        *(bent(*turned, f"{x} in coordinates", put("1/100", "uncertainty", x, of="problem")) for x in RELATIVE),
     ]

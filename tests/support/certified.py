@@ -92,7 +92,7 @@ def consensus_claims(problem: Problem) -> Claims:
 def claimed_afresh(problem: Problem) -> Claims:
     """The same, made anew."""
     with pytest.MonkeyPatch.context() as patch:
-        for stage in ("region_checks", "safety_stage", "accuracy_stage", "other_equilibria"):
+        for stage in ("region_checks", "safety_stage", "accuracy_stage", "inputs_stage", "other_equilibria"):
             patch.setattr(certification, stage, lambda *arguments, **options: [])
         patch.setattr(certification, "with_cures", lambda problem, checks, *arguments, **options: checks)
         patch.setattr(certification, "agreed", lambda claims, problem: claims)

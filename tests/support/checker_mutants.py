@@ -26,7 +26,6 @@ FILES = (
     "files",
     "consensus",
     "separable",
-    "margins",
     "quadratic",
     "coordinates",
     "cycles",
@@ -34,7 +33,7 @@ FILES = (
     "graphs",
     "accuracy",
     "factors",
-    "factors",
+    "margins",
     "examine",
 )
 SOURCES = {file: (FOLDER / f"{file}.py").read_text("utf-8") for file in FILES}

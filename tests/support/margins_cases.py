@@ -52,7 +52,9 @@ def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, wit
         claims |= {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
     elif claims["covered_by"] == id:
         claims |= {"rate": check["rate"], "factor": check["factor"]}
-    if without == "max-separable":
+    if without == "accuracy":  # what rests on it falls, too
+        claims |= {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
+    if without in ("max-separable", "accuracy"):
         claims["checks"] = [each for each in claims["checks"] if each["id"] != without]
     if without == "actuators":
         del document[without]
@@ -78,7 +80,23 @@ def margins_cases() -> list[Case]:
     sine = one(**SEEN, **WIDE)
     # What the errors need, and sqrt(1/2) of the sine that starts at (1/2, 1/2): |C xi0|^2 + |C A xi0|^2 / 4.
     beside = Fraction(_inputs(sine)["1"]) - 9
+    acts = {"disturbance": "1/10", "drift": "1/10", "measurement": "1/50", "weights": "1/20", "gains": "1/20"}
+    heavy = one(region=REGION, uncertainty=acts, actuators={"limit": 9})
+    straight = heavy.replace(coupling="y")
+    drifts = one(**SEEN, **WIDE, uncertainty=acts)
+    blind = two(**fast, coupling="y + y**3/9", uncertainty=acts | {"known_to_agents": False}, **WIDE)
     return [
+        *(bent(each, "actuators", code=HOLDS) for each in (heavy, straight, drifts, blind)),
+        *(bent(each, "accuracy", code=HOLDS) for each in (heavy, straight, drifts, blind)),
+        bent(heavy, "actuators", without="accuracy"),
+        bent(heavy, "actuators", alpha="-1"),
+        bent(heavy, "actuators", level="1/1000"),
+        bent(straight, "actuators", level="-1"),
+        bent(straight, "actuators", inputs={"1": "3.2"}),
+        bent(drifts, "actuators", kappa="1/1000", inputs={"1": "9000"}),
+        bent(drifts, "actuators", beta="1000", inputs={"1": "9000"}),
+        bent(drifts, "actuators", table=start, inputs={"1": "9000"}),
+        bent(drifts, "actuators", rho="1/10"),
         *(bent(each, "tolerance", code=HOLDS) for each in (near, seen, unknown)),
         bent(limited, "actuators", code=HOLDS),
         bent(sine, "actuators", code=HOLDS, table=start, inputs={"1": "90"}),

@@ -103,7 +103,7 @@ def certified(name: str) -> Certificate:
 def certify_motions(problem: Problem, **options: Any) -> Certificate:
     """What ``certify`` claims that a file about motions is made of: the box, and no delay, sampling, margin or cure."""
     with pytest.MonkeyPatch.context() as own:
-        for stage in ("weighted_stage", "linearisation_stage", "margins_stage", "accuracy_stage"):
+        for stage in ("weighted_stage", "linearisation_stage", "margins_stage", "accuracy_stage", "inputs_stage"):
             own.setattr(certification, stage, lambda *arguments, **options: [])
         own.setattr(certification, "STAGES", (separable_room.separable_stage,))
         own.setattr(separable_room, "_timing", lambda *arguments: [])

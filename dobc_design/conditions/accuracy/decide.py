@@ -1,16 +1,22 @@
 """Final bounds of the error under [uncertainty]: what a proved ``accuracy`` claims (theory, section 12).
 
 The plant is x_i' = sum_j w h_ij(x_j - x_i) + u_i + d_i + w_i with |w_i| <= omega, xi_i' = A xi_i + g_i with |g_i| <=
-gamma, and every measured state may be off by nubar (by component, all).  Then every start of the domain ends with
-|e_i| <= bounds_i, for arbitrary switching, and no start of it leaves the box |e_i| <= rho v_i of the first stage.
+gamma, and every measured state may be off by nubar (by component, all).  Each weight w may be off by the part dw and
+each entry of a gain by the part dk.  Then every start of the domain ends with |e_i| <= bounds_i, for arbitrary
+switching, and no start of it leaves the box |e_i| <= rho v_i of the first stage.
 
-With F = A - WC and H_i = sum_j w sup |h'|, what acts on agent i besides its row and a part of the estimation error
-that decays by itself is at most (theory, What the model leaves out)
+With F = A - WC, H_i = sum_j w sup |h'| and Hmax_i the largest H_i of all modes, what acts on agent i besides its row
+(in which weights and gains take their worse ends) and a part of the estimation error that decays by itself is at most
+b_i + eta_i s while N was at most s (theory, What the model leaves out),
 
-    b_i = omega (1 + peak of W) + gamma (peak of I) + nubar (|k_i| + |C W| + peak of F W) + 2 nubar H_i (1 + peak of W)
+    b_i = omega (1 + peak of W) + gamma (peak of I) + nubar ((1 + dk) |k_i| + |C W| + peak of F W)
+          + 2 nubar (1 + dw) (H_i + (peak of W) Hmax_i)
+    eta_i = dw (peak of W) max over modes of sum_j w (v_i + v_j) sup |h(y)/y|
 
-and where rows with b_i added stay <= -alpha s v_i for all s in [level, rho], N reaches the level in finite time and
-stays below it, if kappa beta min v > 1 for the part of V that is the observer's.
+where eta_i is 0 if the observers know the weights: else they are fed sum w h and not what acts.  Where rows with b_i +
+eta_i s added stay <= -alpha s v_i for all s in [level, rho], N reaches the level in finite time and stays below it, if
+kappa beta min v > 1 for the part of V that is the observer's: when V = N + kappa E is larger than ever before, so is N
+(E falls), so that the history counts with s = N; and the largest limit of N counts with itself, since observers forget.
 
 In coordinates z_i = T e_i (``separable.coordinates``; agents with dynamics, couplings of vectors) b = omega (1 + peak
 of W) + gamma (peak of I) acts through B: |T B| b is added to the rows, which are linear in s for gains of the stage.
@@ -19,7 +25,7 @@ of W) + gamma (peak of I) acts through B: |T B| b is added to the rows, which ar
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache, partial
 from typing import Any, Final
@@ -36,8 +42,10 @@ from dobc_design.conditions.separable.claim import (
     ErrorBound,
     Row,
     Separable,
+    Term,
     error_from_json,
     error_sizes,
+    stated_errors,
 )
 from dobc_design.conditions.separable.coordinates import rows_obstacle, seen_through
 from dobc_design.conditions.separable.decide import (
@@ -47,7 +55,7 @@ from dobc_design.conditions.separable.decide import (
     error_bound_obstacle,
     linear_bound,
 )
-from dobc_design.coupling.enclosures import Profile, jet
+from dobc_design.coupling.enclosures import Profile, jet, secant_range
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, multiply
@@ -200,8 +208,13 @@ def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str
     coordinates."""
     if problem.n > MOST_AGENTS:
         return f"does not apply: final bounds are decided for at most {MOST_AGENTS} agents."
-    if turned and problem.uncertainty is not None and problem.uncertainty.measurement:
+    plant = problem.uncertainty
+    if turned and plant is not None and plant.measurement:
         return "does not apply: measurement noise is known for couplings that act by component only."
+    if turned and plant is not None and (plant.weights or plant.gains):
+        return (
+            "does not apply: with a disturbance, errors of weights and gains are known for couplings by component only."
+        )
     if not turned and problem.origin is not None:
         return "does not apply: bounds for agents with [dynamics] are made in coordinates."
     return not_applicable(problem, W, turned=turned)
@@ -231,29 +244,75 @@ def load_in_coordinates(problem: Problem, peaks: Peaks | None, T: Matrix) -> Vec
     return tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B))) * problem.n
 
 
-def loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Iterator[tuple[str, int, Row, Fraction]]:
-    """Every row of a stage: mode, agent, row, b_i.  Raises: UndefinedError where a slope has no bound as far out."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """What acts on one agent in one mode besides its row: b_i, and eta_i s, what observers that do not know the errors
+    of the weights pass on while N is at most s.  ``by_input`` is the part of b_i that the agent's own input adds."""
+
+    mode: str
+    agent: int
+    row: Row
+    constant: Fraction
+    growing: Fraction
+    by_input: Fraction
+
+    @property
+    def held(self) -> Row:
+        """The row with what grows like s taken off its gain."""
+        return replace(self.row, gain=self.row.gain - self.growing / self.row.own)
+
+
+def loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Iterator[Load]:
+    """Every row of a stage with what acts besides.  What an observer passes on it has seen in any mode, so that there
+    the largest over the modes counts.  Raises: UndefinedError where a slope has no bound as far out."""
     plant = problem.uncertainty
     if plant is None:
         return
-    nubar, curves = plant.measurement, coupling_profiles(problem, stage.v, rho=stage.rho)
+    errors, nubar = stated_errors(problem), plant.measurement
+    curves = coupling_profiles(problem, stage.v, rho=stage.rho)
     passed = Fraction(0) if peaks is None else peaks.disturbance
+    unknown = Fraction(0) if plant.known_to_agents else errors.weights * passed
 
     @cache
     def steepest(coupling: int, reach: Fraction) -> Fraction:
+        """A bound of |h'| as far as noise takes an argument."""
         Y = ZERO if stage.rho is None else Interval(Fraction(-1), Fraction(1)) * (stage.rho * reach + 2 * nubar)
         return jet(curves[coupling].curve, Y).slope.magnitude
 
-    for mode in problem.network.modes:
-        for agent in range(problem.n):
-            ((row, _),) = separable.rows(problem, stage.v, modes=[mode], agents=[agent])
-            b = plant.disturbance * (1 + passed)
-            b += Fraction(0) if peaks is None else plant.drift * peaks.drift + nubar * peaks.measurement
-            if nubar:
-                H = sum((term.weight * steepest(term.coupling, term.reach) for term in row.terms), Fraction(0))
-                k = problem.pinning.gains.get(agent)
-                b += nubar * ((Fraction(0) if k is None else row_norm(k)) + 2 * H * (1 + passed))
-            yield mode, agent, row, b
+    @cache
+    def secant(coupling: int, reach: Fraction) -> Fraction:
+        """A bound of |h(y)/y| in the box."""
+        if stage.rho is None:
+            return steepest(coupling, reach)
+        return secant_range(curves[coupling].curve, Interval(-stage.rho * reach, stage.rho * reach)).magnitude
+
+    @cache
+    def heard(mode: str, agent: int) -> tuple[Term, ...]:
+        """The arcs of an agent as the file states them."""
+        ((row, _),) = separable.rows(problem, stage.v, modes=[mode], agents=[agent])
+        return row.terms
+
+    def slopes(mode: str, agent: int) -> Fraction:
+        terms = heard(mode, agent) if nubar else ()
+        return sum((term.weight * steepest(term.coupling, term.reach) for term in terms), Fraction(0))
+
+    def pull(mode: str, agent: int) -> Fraction:
+        terms = heard(mode, agent) if unknown else ()
+        return sum((term.weight * term.reach * secant(term.coupling, term.reach) for term in terms), Fraction(0))
+
+    for agent in range(problem.n):
+        H = {mode: slopes(mode, agent) for mode in problem.network.modes}
+        eta = unknown * max(pull(mode, agent) for mode in problem.network.modes)
+        k = problem.pinning.gains.get(agent)
+        b = plant.disturbance * passed
+        if peaks is not None:
+            b += plant.drift * peaks.drift + nubar * peaks.measurement
+        pinned = Fraction(0) if k is None else (1 + errors.gains) * row_norm(k)
+        b += nubar * pinned + 2 * nubar * (1 + errors.weights) * passed * max(H.values())
+        for mode in problem.network.modes:
+            ((row, _),) = separable.rows(problem, stage.v, modes=[mode], agents=[agent], errors=errors)
+            own = b + plant.disturbance + 2 * nubar * (1 + errors.weights) * H[mode]
+            yield Load(mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=b)
 
 
 def not_shrinking(problem: Problem, peaks: Peaks | None, stage: Level) -> str | None:
@@ -261,10 +320,11 @@ def not_shrinking(problem: Problem, peaks: Peaks | None, stage: Level) -> str | 
     try:
         profiles = coupling_profiles(problem, stage.v, rho=stage.rho)
         holds = cache(partial(_row_holds, profiles=profiles, stage=stage))
-        for mode, agent, row, load in loads(problem, peaks, stage):
-            face = next((face for face in FACES if not holds(row, load, face)), None)
+        for load in loads(problem, peaks, stage):
+            row = load.held
+            face = next((face for face in FACES if not holds(row, load.constant, face)), None)
             if face is not None:
-                who = f"agent {problem.network.labels[agent]} in mode {mode}"
+                who = f"agent {problem.network.labels[load.agent]} in mode {load.mode}"
                 return f"the {FACES[face]} row of {who} is not shown for all s from {float(stage.level):.6g} on."
     except UndefinedError as error:
         return f"does not apply: {error}"

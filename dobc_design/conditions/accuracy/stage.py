@@ -7,9 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import chain, islice
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from scipy import sparse
 
 from dobc_design.conditions.accuracy.decide import (
     ID,
@@ -29,17 +30,27 @@ from dobc_design.conditions.check import Check, Domain, limited, starts_in, surv
 from dobc_design.conditions.coverage import Progress, read_region
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
 from dobc_design.conditions.observer.decide import error_matrix
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component, error_sizes
+from dobc_design.conditions.separable.claim import (
+    FACES,
+    ErrorBound,
+    Separable,
+    acts_by_component,
+    error_sizes,
+    stated_errors,
+)
 from dobc_design.conditions.separable.coordinates import enclosed_ranges, slowest_row
+from dobc_design.conditions.separable.decide import coupling_profiles, linear_bound
 from dobc_design.conditions.separable.propose import field_of, least_solution, solved
 from dobc_design.conditions.separable.propose_coordinates import Agents, Gains, candidates, in_floats
-from dobc_design.conditions.separable.propose_observer import propose_error_bound
+from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.separable.stage import largest_claim, separable_stage
+from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, to_float
 from dobc_design.exact.number import root_above
 from dobc_design.exact.peaks import MOST_STEPS
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
+from dobc_design.problem.arrays import coupling_places
 from dobc_design.problem.groups import gains_of
 from dobc_design.problem.problem import Problem
 from dobc_design.solvers.program import Array
@@ -60,6 +71,8 @@ V_DIGITS: Final = 12
 CHOICES, SETTLED = 30, 1e-9  # choices of rows at most; of v, when none of them changes any more
 SLACK: Final = 1e-5  # of the largest input, for rows in which nothing acts
 MOST_COORDINATES: Final = 3  # in which rows are decided
+FROM: Final = (0.9, 0.5, 0.98)  # parts of rho from which the first stage is looked for
+POINTS, SAMPLES, TIGHTER = 9, 500, 1 + 1e-6  # of s and of h, and what is left to rounding
 
 
 def propose_peaks(problem: Problem, W: Matrix) -> Peaks | None:
@@ -127,7 +140,8 @@ def _vectors(problem: Problem, peaks: Peaks | None, within: Level, spreads: Sequ
     """v for the rows with b_i at s = 1, b_i as in the box ``within``, and with multiples, which reach further."""
     b = _loads(problem, peaks, within)
     size = 1.0 if within.rho is None else float(max(within.v)) * float(within.rho)
-    field = replace(field_of(problem, rho=size), grid=np.array([1.0]))
+    field = field_of(problem, rho=size, errors=stated_errors(problem))
+    field = replace(field, grid=np.array([1.0]), extra=_pulls(problem, peaks, size))
     for spread in spreads:
         with np.errstate(all="ignore"):
             own = -field.rows(b * NEAR, alpha=0.0)[1].diagonal()
@@ -136,11 +150,55 @@ def _vectors(problem: Problem, peaks: Peaks | None, within: Level, spreads: Sequ
         yield None if v is None else tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in v.tolist())
 
 
+def _pulls(problem: Problem, peaks: Peaks | None, reach: float) -> Any:
+    """eta_i as a matrix (n, n) that acts on v, for |y| <= 2 reach; None where the observers know the weights."""
+    plant = problem.uncertainty
+    if plant is None or plant.known_to_agents or not plant.weights or peaks is None:
+        return None
+    y = np.linspace(0, 2 * reach, SAMPLES)[1:]
+    functions = [numpy_function(each.components[0]) for each in problem.couplings]
+    steepest = np.array([max(np.max(np.abs(h(y) / y)), np.max(np.abs(h(-y) / y))) for h in functions])
+    total = sparse.csr_array((problem.n, problem.n))
+    for arcs in problem.network.modes.values():
+        w = np.array([float(x) for x in arcs.weights]) * steepest[coupling_places(problem, arcs)]
+        w *= float(plant.weights * peaks.disturbance)
+        places = np.concatenate([arcs.listeners] * 2), np.concatenate([arcs.listeners, arcs.speakers])
+        found = sparse.csr_array((np.concatenate([w, w]), places), shape=total.shape)
+        total = total.maximum(found)
+    return total
+
+
+def covering_boxes(
+    problem: Problem, peaks: Peaks | None, error: ErrorBound | None, starts: tuple[Fraction, Fraction]
+) -> Iterator[tuple[Level, ErrorBound | None]]:
+    """First stages that hold these starts, |e_i| <= R and |eps_i| <= s: the least v >= 1 whose rows hold from a part of
+    rho on although b_i acts on them."""
+    radius, disturbance = starts
+    if error is not None:
+        error = replace(error, kappa=rounded_up(1 / error.beta * NEARLY, digits=9))
+    rho = radius_needed(radius, error, disturbance)
+    for part in FROM:
+        v: Vector = (Fraction(1),) * problem.n
+        with surviving("no box that holds the starts", UndefinedError), np.errstate(all="ignore"):
+            for _ in range(2):  # with noise, what acts depends on how far v reaches
+                b = _loads(problem, peaks, Level(v=v, alpha=SLOW, level=rho, rho=rho))
+                field = field_of(problem, rho=float(rho), errors=stated_errors(problem))
+                grid = float(rho) * np.linspace(part, 1, POINTS)
+                extra = _pulls(problem, peaks, float(rho) * float(max(v)))
+                field = replace(field, grid=grid, load=b * TIGHTER / (part * float(rho)), extra=extra)
+                found = least_solution(field, alpha=0.0, start=np.ones(problem.n))
+                if found is None:
+                    break
+                v = tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in found.tolist())
+            else:
+                yield Level(v=v, alpha=SLOW, level=rho * claimed(part), rho=rho), error
+
+
 def _loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Array:
     """The largest b_i of every agent."""
     b = np.zeros(problem.n)
-    for _, agent, _, load in loads(problem, peaks, stage):
-        b[agent] = max(b[agent], float(load))
+    for load in loads(problem, peaks, stage):
+        b[load.agent] = max(b[load.agent], float(load.constant))
     return b
 
 
@@ -161,6 +219,20 @@ def _lowest(problem: Problem, peaks: Peaks | None, stage: Level) -> Level | None
         else:
             low = at
     return None if found is None else replace(found, level=found.level * (1 + ABOVE))
+
+
+def lowest_level(problem: Problem, peaks: Peaks | None, v: Vector) -> Level | None:
+    """For linear couplings the lowest level of these weights, about; None if their rows do not hold."""
+    one = Level(v=v, alpha=SLOW, level=Fraction(1), rho=None)
+    profiles, level = coupling_profiles(problem, v, rho=None), Fraction(0)
+    for load in loads(problem, peaks, one):
+        row = load.held
+        room = row.gain * row.own - max(linear_bound(row, face, profiles) for face in FACES)
+        if room <= 0:
+            return None
+        level = max(level, load.constant / room)
+    found = _with_rate(problem, peaks, replace(one, level=rounded_up(level * (1 + ABOVE), digits=9)))
+    return found if _holds(problem, peaks, found) else None
 
 
 def _with_rate(problem: Problem, peaks: Peaks | None, stage: Level) -> Level:
@@ -236,7 +308,10 @@ def _claims(
     if exosystem is not None and W is not None and error is None:
         error = propose_error_bound(exosystem, W)
     near = () if exosystem is not None and error is None else near_target(problem, peaks)
-    for outer, bound, box in chain(boxes, (_near_box(each, error, starts[1]) for each in near)):
+    whole = starts_in("box", *(decimal_below(x) if x else 0.0 for x in starts))
+    held = covering_boxes(problem, peaks, error, starts) if boxes else ()
+    first = chain(boxes[:1], ((*each, whole) for each in held), boxes[1:])
+    for outer, bound, box in chain(first, (_near_box(each, error, starts[1]) for each in near)):
         claim = Accuracy(stages=_stages(problem, peaks, outer), bounds={}, peaks=peaks, error=bound)
         yield from _proved(problem, W, claim, box, domain)
 

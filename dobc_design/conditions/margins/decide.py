@@ -8,29 +8,37 @@ at a rate alpha > 0; each row takes the worse ends.  Observers whose model of th
 
 and V = N + kappa E decreases where kappa eta < alpha.  A claim with a v of its own is about the slopes at the target.
 
-Actuators.  u_i = -k_i e_i - d_i + C eps_i, so on {N + kappa E <= rho} every |u_ic| is at most
-rho max(|k_i|_1 v_i, 1/kappa) + max |d_i|, where |k_i|_1 is the largest row sum of sizes.
+Actuators.  u_i = -k_i e_i - d_i + C eps_i, so that on {N + kappa E <= rho}, where E never exceeds its start E0, every
+|u_ic| is at most rho |k_i|_1 v_i + max(0, 1 - kappa |k_i|_1 v_i) E0 + max |d_i|, where |k_i|_1 is the largest row sum
+of sizes with the errors of gains (and E0 is rho/kappa where errors of the weights act on eps).  What [uncertainty]
+states of disturbance, drift and noise acts on everything: then a stage of ``accuracy`` that holds the starts is
+claimed, with all errors and inputs in its rows, and to |u_ic| comes what these add by measurements and estimates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
+from dobc_design.conditions.accuracy.decide import Accuracy, Level, Peaks, loads, not_shrinking
+from dobc_design.conditions.accuracy.decide import obstacle as not_final
+from dobc_design.conditions.accuracy.decide import read_claim as read_accuracy
 from dobc_design.conditions.check import Check, Claim, read_domain, read_object
 from dobc_design.conditions.numbers import follows, read_rational, vector_from_json, vector_to_json
 from dobc_design.conditions.separable import claim as claims
-from dobc_design.conditions.separable.claim import Errors, Separable
+from dobc_design.conditions.separable.claim import ErrorBound, Errors, Separable, error_from_json, observed_in
 from dobc_design.conditions.separable.decide import (
     NOT_BY_COMPONENT,
     composite_rate,
     coupling_profiles,
     covers,
+    error_bound_obstacle,
     linear_bound,
     verify_separable,
 )
+from dobc_design.conditions.stated import stated_in
 from dobc_design.coupling.enclosures import Curve, secant_range
 from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose
@@ -61,24 +69,29 @@ class Tolerance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
-    """On {V <= rho}, which holds all starts of the check, every component of u_i is at most ``inputs[label]``."""
+    """On {V <= rho}, which holds all starts of the check, every component of u_i is at most ``inputs[label]``.
+    ``stage``: under a disturbance, drift or noise of [uncertainty] the box that is not left, with ``error``, the
+    observer's part of its V."""
 
     rho: Fraction
     inputs: Mapping[str, Fraction]
+    stage: Level | None = None
+    error: ErrorBound | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
         inputs = {label: number_text(most) for label, most in self.inputs.items()}
-        return {"rho": number_text(self.rho), "inputs": inputs}
+        values: dict[str, Any] = {"rho": number_text(self.rho), "inputs": inputs}
+        if self.stage is not None:
+            values |= {"v": vector_to_json(self.stage.v)}
+            values |= {name: number_text(getattr(self.stage, name)) for name in ("alpha", "level")}
+        return values if self.error is None else values | self.error.to_json()
 
 
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
     """What a proved check of this topic claims, for this problem."""
     if check.id == "actuators":
-        values = read_object(check.exact, ("rho", "inputs"))
-        found = read_object(values["inputs"], problem.network.labels)
-        inputs = {label: read_rational(found[label]) for label in problem.network.labels}
-        return Inputs(rho=read_rational(values["rho"]), inputs=inputs)
+        return _read_inputs(check, problem)
     optional = [name for name in ("eta", "v") if name in (check.exact or {})]
     values = read_object(check.exact, ("weights", "gains", "alpha", *optional))
     weights, gains, alpha = (read_rational(values[name]) for name in ("weights", "gains", "alpha"))
@@ -89,12 +102,38 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
     return Tolerance(errors=Errors(weights, gains), alpha=alpha, eta=eta, v=v)
 
 
+def _read_inputs(check: Check, problem: Problem) -> Inputs:
+    """What a proved check of inputs claims."""
+    under_load = stated_in(problem).absolute
+    own = ("v", "alpha", "level", *observed_in(problem)) if under_load else ()
+    values = read_object(check.exact, ("rho", "inputs", *own))
+    found = read_object(values["inputs"], problem.network.labels)
+    inputs = {label: read_rational(found[label]) for label in problem.network.labels}
+    rho = read_rational(values["rho"])
+    if not under_load:
+        return Inputs(rho=rho, inputs=inputs)
+    v, alpha, level = vector_from_json(values["v"], problem.n), *map(read_rational, (values["alpha"], values["level"]))
+    if min(alpha, level, least(v)) <= 0 or rho < level:
+        raise ValueError("v, alpha and level must be > 0, and rho at least level")
+    stage = Level(v=v, alpha=alpha, level=level, rho=None if problem.is_linear else rho)
+    return Inputs(rho=rho, inputs=inputs, stage=stage, error=error_from_json(values, problem))
+
+
 ROOTS = 10**15  # roots are rounded up to multiples of 1/ROOTS
 _ZERO, _ONE = Fraction(0), Fraction(1)
 
 
-def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, proof: Check | None) -> str | None:
-    """None if everything that a proved check claims is confirmed; ``proof``: the max-separable check beside it."""
+def confirm(
+    check: Check,
+    problem: Problem,
+    W: Matrix | None,
+    *,
+    domain: str,
+    proof: Check | None,
+    final: Check | None = None,
+) -> str | None:
+    """None if everything that a proved check claims is confirmed; ``proof`` and ``final``: the checks max-separable and
+    accuracy beside it."""
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
     if problem.origin is not None:
@@ -102,6 +141,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str, pr
     base, claim = None, read_claim(check, problem, W)
     if proof is not None and proof.verdict is Verdict.PROVED:
         base = claims.separable_from_json(proof.exact, problem)
+    if isinstance(claim, Inputs) and claim.stage is not None:
+        return _not_held(check, problem, W, claim, claim.stage, final)
     if isinstance(claim, Inputs):
         return "it needs a proved max-separable check" if base is None else _not_inputs(check, problem, base, claim)
     if not isinstance(claim, Tolerance):
@@ -178,10 +219,13 @@ def _not_local(problem: Problem, claim: Tolerance, v: Vector | Doubles) -> str |
 
 
 def largest_disturbance(problem: Problem) -> tuple[Fraction, ...] | None:
-    """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor xi0 gives one."""
+    """For each agent a bound of |d_i(t)|, t >= 0, by component; None where neither [actuators] nor xi0 gives one, as
+    where amplitudes drift."""
     given, starts = problem.actuators and problem.actuators.amplitude, problem.simulation.xi0
     if given is not None or not problem.groups:
         return (given or _ZERO,) * problem.n
+    if problem.uncertainty is not None and problem.uncertainty.drift:
+        return None
     numbers = group_numbers(problem.groups, problem.network.labels)
     pairs = list(zip(numbers, starts if len(starts) > 1 else starts * problem.n, strict=True)) if starts else []
     known = {
@@ -210,25 +254,83 @@ def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
     return max(sums)
 
 
-def input_slopes(problem: Problem, base: Separable) -> tuple[Fraction, ...]:
-    """For each agent how much |u_i - d_i| grows with the level of V: max(|k_i|_1 v_i, 1/kappa), gains in error."""
+def pin_sizes(problem: Problem) -> tuple[Fraction, ...]:
+    """|k_i|_1, the largest row sum of sizes, of each agent, with the errors of gains."""
     more = 1 + (problem.uncertainty.gains if problem.uncertainty is not None else _ZERO)
     sizes = {i: more * max(sum(map(abs, row), _ZERO) for row in k) for i, k in problem.pinning.gains.items()}
-    noise = _ZERO if base.error is None else 1 / base.error.kappa
-    return tuple(max(sizes.get(i, _ZERO) * v, noise) for i, v in enumerate(base.v))
+    return tuple(sizes.get(i, _ZERO) for i in range(problem.n))
+
+
+def input_parts(
+    problem: Problem, v: Sequence[Fraction], error: ErrorBound | None, disturbance: Fraction
+) -> tuple[tuple[Fraction, Fraction], ...]:
+    """For each agent a and b with |u_i - d_i| <= a rho + b on {V <= rho}, from |eps_i| <= ``disturbance``."""
+    sizes = [k * x for k, x in zip(pin_sizes(problem), v, strict=True)]
+    if error is None:
+        return tuple((size, _ZERO) for size in sizes)
+    if not agents_know(problem) and not stated_in(problem).absolute:  # errors of the weights act on E
+        return tuple((max(size, 1 / error.kappa), _ZERO) for size in sizes)
+    first = root_above(error.size * disturbance**2, unit=ROOTS)
+    return tuple((size, max(_ZERO, 1 - error.kappa * size) * first) for size in sizes)
+
+
+def loaded_inputs(
+    problem: Problem, peaks: Peaks | None, stage: Level, error: ErrorBound | None, disturbance: Fraction
+) -> tuple[tuple[Fraction, Fraction], ...]:
+    """The same under a disturbance, drift and noise, in the box of a stage of ``accuracy``.  Raises: UndefinedError."""
+    added = {load.agent: (load.growing, load.by_input) for load in loads(problem, peaks, stage)}
+    parts = enumerate(input_parts(problem, stage.v, error, disturbance))
+    return tuple((a + added[agent][0], b + added[agent][1]) for agent, (a, b) in parts)
 
 
 def _not_inputs(check: Check, problem: Problem, base: Separable, claim: Inputs) -> str | None:
     """None if every input is bounded by ``claim``, below every limit."""
-    table, disturbance = problem.actuators, largest_disturbance(problem)
-    if table is None or disturbance is None or check.rate is not None:
+    table, found = problem.actuators, largest_disturbance(problem)
+    if table is None or found is None or check.rate is not None:
         return "it needs [actuators], a bound of the disturbance, and no rate"
     radius, noise = read_domain(check.domain, problem, kind="box")
     inside = 0 < claim.rho <= (base.rho or claim.rho)
     if not inside or not covers(replace(base, rho=claim.rho), radius=radius, disturbance=noise):
         return "its box is not inside {V <= rho}, or rho is larger than that of the certificate"
-    each = zip(problem.network.labels, input_slopes(problem, base), disturbance, strict=True)
-    for label, slope, largest in each:
-        if not slope * claim.rho + largest <= claim.inputs[label] <= (table.limit_of(label) or claim.inputs[label]):
+    return _too_small(problem, claim, input_parts(problem, tuple(base.v), base.error, noise), found)
+
+
+def _too_small(
+    problem: Problem, claim: Inputs, parts: Sequence[tuple[Fraction, Fraction]], found: Sequence[Fraction]
+) -> str | None:
+    """None if no input is larger than ``claim`` says, nor a bound above its limit."""
+    limits = problem.actuators
+    for label, (a, b), largest in zip(problem.network.labels, parts, found, strict=True):
+        limit = None if limits is None else limits.limit_of(label)
+        most = claim.inputs[label]
+        if not a * claim.rho + b + largest <= most <= (most if limit is None else limit):
             return f"the input of agent {label} may be larger, or exceed its limit"
     return None
+
+
+def _not_held(
+    check: Check, problem: Problem, W: Matrix | None, claim: Inputs, stage: Level, final: Check | None
+) -> str | None:
+    """None if, under everything that [uncertainty] states, no start leaves the box and no input exceeds its bound."""
+    found = largest_disturbance(problem)
+    if problem.actuators is None or found is None or check.rate is not None:
+        return "it needs [actuators], a bound of the disturbance (with a drift: amplitude), and no rate"
+    if final is None or final.verdict is not Verdict.PROVED:
+        return "it needs a proved check of accuracy"
+    if (reason := not_final(problem, W)) is not None:
+        return reason
+    beside = final.claim if isinstance(final.claim, Accuracy) else read_accuracy(final, problem, W)
+    radius, noise = read_domain(check.domain, problem, kind="box")
+    box = Separable(v=stage.v, alpha=stage.alpha, rho=claim.rho, error=claim.error)
+    if (exosystem := problem.joint_exosystem) is not None:
+        if W is None or claim.error is None:
+            return "with an [exosystem] it needs P, beta, kappa and size"
+        if (why := error_bound_obstacle(exosystem, W, claim.error)) is not None:
+            return why
+        if not claim.error.kappa * claim.error.beta * box.least > 1:
+            return "kappa must exceed 1/(beta min v), or the observer error can raise V"
+    if not covers(box, radius=max(radius, stage.level * box.least), disturbance=noise):
+        return "its box, or the level, is not inside {V <= rho}"
+    if (why := not_shrinking(problem, beside.peaks, stage)) is not None:
+        return why
+    return _too_small(problem, claim, loaded_inputs(problem, beside.peaks, stage, claim.error, noise), found)

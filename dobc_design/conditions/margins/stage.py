@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from dobc_design.conditions.check import Check, limited, undecided_check
-from dobc_design.conditions.coverage import Asked, Progress
+from dobc_design.conditions.accuracy.decide import Accuracy, Level
+from dobc_design.conditions.accuracy.stage import lowest_level
+from dobc_design.conditions.check import Check, Domain, limited, starts_in, undecided_check
+from dobc_design.conditions.coverage import NEAR, Asked, Progress
 from dobc_design.conditions.margins import decide
 from dobc_design.conditions.margins.decide import Inputs, Tolerance
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
-from dobc_design.conditions.separable.claim import Errors, Separable, holding_gains
+from dobc_design.conditions.separable.claim import ErrorBound, Errors, Separable, holding_gains
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
 from dobc_design.conditions.separable.stage import IN_HAND, TIMED_ARCS
+from dobc_design.conditions.stated import stated_in
 from dobc_design.conditions.weighted.propose import rounded
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import root_above
@@ -64,13 +66,11 @@ def common_vector(problem: Problem, errors: Errors) -> Array | None:
 
 LARGEST, HALVINGS, STEPS = Fraction(999, 1000), 30, 12  # of the errors that are tried
 KEPT = Fraction(1, 100)  # of the rate, which the largest error leaves; half of that is claimed
+LEAST_KEPT = Fraction(1, 10**6)  # the same, where the file states the errors
 WIDER = Fraction(21, 20)  # eta, for a second program with wider enclosures
 FAR = 1000  # times that v grows until the rows at the target count as lost
 MORE = 1 + Fraction(1, 10**9)  # inputs, for roots that another program rounds otherwise
-UNCOUNTED = (
-    " Errors of weights and gains are counted where `tolerance` is proved; what [uncertainty] adds to disturbance,"
-    " drift and measurement is not."
-)
+NOT_FINAL = "what [uncertainty] adds acts on the inputs, too, and no final bounds (accuracy) are proved under it."
 NO_PROOF = "there is no proved max-separable certificate that it could rest on."
 _ZERO = Fraction(0)
 
@@ -82,7 +82,7 @@ def is_asked(asked: Asked) -> bool:
 
 
 def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:
-    """What the problem asks beside ``checks``, and the tolerance where there is one."""
+    """The tolerance beside ``checks``, where there is one."""
     if asked.problem.origin is not None:
         return []
     known = (check for check in checks if isinstance(check.claim, Separable) and check.claim.T is None)
@@ -90,9 +90,6 @@ def margins_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> li
     report("deciding the tolerance")
     check = limited("tolerance", asked.domain, lambda: _tolerance(asked, proof))
     found += [check] if check.verdict is Verdict.PROVED or _given(asked) is not None else []
-    if asked.problem.actuators is not None:
-        report("deciding the inputs")
-        found.append(_actuators(asked, proof))
     return found
 
 
@@ -104,10 +101,12 @@ def _given(asked: Asked) -> Errors | None:
 
 def _tolerance(asked: Asked, proof: Check | None) -> Check:
     problem, given, why = asked.problem, _given(asked), decide.why_not_local(asked.problem)
+    together = proof is not None and stated_in(problem).limit  # inputs are bounded in the box of this proof
     if sum(map(len, problem.network.modes.values())) > TIMED_ARCS:
         reason = f"left out: the network is large; tolerances are examined up to {TIMED_ARCS} arcs."
         return undecided_check("tolerance", asked.domain, reason)
-    if (not asked.wanted or proof is None) and why is None and (not problem.groups or asked.W is not None):
+    local = why is None and (not problem.groups or asked.W is not None)
+    if (not asked.wanted or proof is None) and local and not together:
         proof = None  # without a region the question is about the target, not about the box that was found
         if asked.wanted and asked.domain != "global":
             return undecided_check("tolerance", asked.domain, NO_PROOF)
@@ -167,11 +166,12 @@ def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | 
     pull = _ZERO if known else decide.observer_pull(problem, asked.W, base)
 
     def find(errors: Errors) -> Tolerance | None:
+        kept = base.alpha * (KEPT if _given(asked) is None else LEAST_KEPT)
         eta = None if known else rounded_up(errors.weights * pull * WIDER, digits=6)
-        alpha = kappa * (eta or _ZERO) + base.alpha * KEPT
+        alpha = kappa * (eta or _ZERO) + kept
         if verify_separable(problem, replace(base, alpha=alpha), errors=errors).verdict is not Verdict.PROVED:
             return None
-        alpha -= base.alpha * KEPT / 2
+        alpha -= kept / 2
         best = (
             largest_rate(problem, base.v, rho=base.rho, errors=errors) if errors == _given(asked) else None
         ) or _ZERO
@@ -196,49 +196,177 @@ def _at_target(asked: Asked) -> Callable[[Errors], Tolerance | None]:
     return find
 
 
-def _actuators(asked: Asked, proof: Check | None) -> Check:
-    problem, base = asked.problem, None if proof is None else proof.claim
-    if proof is None or not isinstance(base, Separable) or problem.actuators is None:
+def inputs_stage(asked: Asked, checks: Sequence[Check], report: Progress) -> list[Check]:
+    """The check ``actuators`` beside all others; none without [actuators]."""
+    if asked.problem.actuators is None or asked.problem.origin is not None:
+        return []
+    report("deciding the inputs")
+    return [limited("actuators", asked.domain, lambda: _actuators(asked, checks))]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plan:
+    """A box that is not left, {V <= rho} with room for ``starts``, and a, b of every agent: |u_i - d_i| <= a rho + b.
+    ``starts``: |e_i| and |eps_i| at most."""
+
+    starts: tuple[float, float]
+    rho: Fraction
+    parts: Sequence[tuple[Fraction, Fraction]]
+    v: Sequence[Fraction]
+    stage: Level | None = None
+    error: ErrorBound | None = None
+
+    def inputs(self, found: Sequence[Fraction]) -> list[Fraction]:
+        """The largest inputs, with d_i at most ``found``."""
+        pairs = zip(self.parts, found, strict=True)
+        return [rounded_up((a * self.rho + b + d) * MORE, digits=6) for (a, b), d in pairs]
+
+
+def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
+    problem, beside = asked.problem, {check.id: check for check in checks if check.verdict is Verdict.PROVED}
+    found, proof, final = decide.largest_disturbance(problem), beside.get("max-separable"), beside.get("accuracy")
+    if found is None:
+        why = "simulation.xi0 gives no sum of constants and sines"
+        if problem.uncertainty is not None and problem.uncertainty.drift:
+            why = "with a drift of the amplitudes simulation.xi0 bounds nothing"
+        reason = f"does not apply: {why}: give actuators.amplitude."
+        return undecided_check("actuators", asked.domain, reason, applies=False)
+    if stated_in(problem).absolute and final is None:
+        return undecided_check("actuators", asked.domain, NOT_FINAL)
+    base = None if proof is None else proof.claim
+    if proof is None or not isinstance(base, Separable) or base.T is not None:
         return undecided_check("actuators", asked.domain, NO_PROOF)
-    asks: Mapping[str, Any] = {"kind": "box", "radius": asked.radius, "disturbance": asked.disturbance}
-    domain = proof.domain if isinstance(proof.domain, Mapping) else asks
-    radius, noise = (claimed(domain[name]) for name in ("radius", "disturbance"))
-    noise *= _ZERO if base.error is None else base.error.kappa * root_above(base.error.size, unit=10**12)
-    level = rounded_up(radius / base.least + noise, digits=9) if base.rho is None else base.rho
-    found = decide.largest_disturbance(problem)
-    if found is None or (base.rho is None and not asked.wanted):
-        cure = "simulation.xi0 gives no sum of constants and sines: give actuators.amplitude."
-        reason = cure if found is None else "inputs have no bound from every start: give a [region]."
-        return undecided_check("actuators", asked.domain, f"does not apply: {reason}", applies=False)
-    slopes, labels = decide.input_slopes(problem, base), problem.network.labels
-    pairs = dict(zip(labels, zip(slopes, found, strict=True), strict=True))
-    most = {label: rounded_up((slope * level + d) * MORE, digits=6) for label, (slope, d) in pairs.items()}
-    worst, over = max(most, key=lambda label: most[label]), list[tuple[Fraction, str, Fraction]]()
-    for label, (slope, d) in pairs.items():
-        limit = problem.actuators.limit_of(label)
-        if limit is not None and most[label] > limit:
-            over.append(((limit - d) / slope if slope else _ZERO, label, limit - d))
-    if over:
-        lower, label, room = min(over)
-        box = (lower - noise) * base.least
-        allowed = float(problem.actuators.limit_of(label) or 0)
-        reason = f"the input of agent {label} may reach {float(most[label]):.6g}, more than its limit of {allowed:.6g}."
-        if room <= 0:
-            alone = float(pairs[label][1])
-            reason += f" The disturbance alone may need {alone:.6g}, so that no region and no gain would do."
-        else:
-            starts = f"from starts with |e_i| <= {_told(box)} and the same |eps_i|"
-            late = f"once V of the check max-separable is at most {_told(lower)}"
-            reason += f" It never saturates {starts if box > 0 else late}. For the whole region it would need a gain of"
-            reason += f" at most {_told(room / (level * base.v[problem.network.index[label]]))} and a new proof."
-        return undecided_check("actuators", asked.domain, reason)
+    if base.rho is None and not asked.wanted and problem.actuators is not None and not problem.actuators.limit:
+        reason = "does not apply: inputs have no bound from every start: give a [region]."
+        return undecided_check("actuators", asked.domain, reason, applies=False)
+    plans = list(_plans_with_inputs(asked, base, final, found) if final else _plans(asked, proof, base, found))
+    if not plans:
+        return undecided_check("actuators", asked.domain, "no box is found that holds the starts under these inputs.")
+    plan = min(plans, key=lambda each: _worst(problem, each.inputs(found)))
+    if _worst(problem, plan.inputs(found)) > 1:
+        return undecided_check("actuators", asked.domain, _too_large(asked, plan, found))
+    labels = problem.network.labels
+    most = dict(zip(labels, plan.inputs(found), strict=True))
+    worst = max(most, key=lambda label: most[label])
     reason = f"from these starts no component of an input exceeds {float(most[worst]):.6g} (agent {worst})"
-    reason += "; no actuator with a limit saturates." if problem.actuators.limit is not None else "."
-    reason += UNCOUNTED if problem.uncertainty is not None else ""
-    claim = Inputs(rho=level, inputs=most)
-    return _confirmed(
-        asked, Check(id="actuators", verdict=Verdict.PROVED, domain=domain, claim=claim, reason=reason), proof
-    )
+    reason += "; no actuator with a limit saturates." if problem.actuators and problem.actuators.limit else "."
+    claim = Inputs(rho=plan.rho, inputs=most, stage=plan.stage, error=plan.error if plan.stage else None)
+    domain = starts_in("box", *plan.starts)
+    check = Check(id="actuators", verdict=Verdict.PROVED, domain=domain, claim=claim, reason=reason)
+    wrong = decide.confirm(check, problem, asked.W, domain=asked.domain, proof=proof, final=final)
+    return check if wrong is None else undecided_check("actuators", asked.domain, wrong)
+
+
+def _worst(problem: Problem, inputs: Sequence[Fraction]) -> Fraction:
+    """The largest input as a part of its limit; 0 without limits."""
+    limits = problem.actuators
+    each = zip(problem.network.labels, inputs, strict=True)
+    known = ((most, None if limits is None else limits.limit_of(label)) for label, most in each)
+    return max((most / limit for most, limit in known if limit is not None), default=_ZERO)
+
+
+def _starts(asked: Asked, domain: Domain) -> tuple[float, float]:
+    """The starts asked for, if a domain holds them, else its own; without a region small ones, where it is global."""
+    if isinstance(domain, Mapping):
+        held = asked.wanted and domain["radius"] >= asked.radius and domain["disturbance"] >= asked.disturbance
+        return (asked.radius, asked.disturbance) if held else (domain["radius"], domain["disturbance"])
+    return (asked.radius, asked.disturbance) if asked.wanted else (NEAR, NEAR * bool(asked.problem.groups))
+
+
+def _level_of(
+    v: Sequence[Fraction], error: ErrorBound | None, starts: tuple[float, float], level: Fraction
+) -> Fraction:
+    """The least rho, about, with these starts and the level in {V <= rho}."""
+    radius, disturbance = map(claimed, starts)
+    size = _ZERO if error is None else error.kappa * disturbance * root_above(error.size, unit=10**12)
+    return rounded_up(max(radius / min(v), level) + size, digits=9)
+
+
+def _plans(asked: Asked, proof: Check, base: Separable, found: Sequence[Fraction]) -> Iterator[_Plan]:
+    """The box of max-separable that holds the starts; without a region a smaller one, where a limit asks for it."""
+    problem, v = asked.problem, tuple(base.v)
+    starts = _starts(asked, proof.domain)
+    for _ in range(2):
+        rho = _level_of(v, base.error, starts, _ZERO)
+        rho = rho if base.rho is None else min(rho, base.rho)
+        parts = decide.input_parts(problem, v, base.error, claimed(starts[1]))
+        plan = _Plan(starts=starts, rho=rho, parts=parts, v=v, error=base.error)
+        yield plan
+        if asked.wanted:
+            return
+        starts = _smaller(problem, plan, starts, found)
+
+
+def _smaller(
+    problem: Problem, plan: _Plan, starts: tuple[float, float], found: Sequence[Fraction]
+) -> tuple[float, float]:
+    """Starts so much smaller that no input exceeds its limit, if the disturbance leaves room."""
+    part, limits = Fraction(1), problem.actuators
+    for label, (a, b), d in zip(problem.network.labels, plan.parts, found, strict=True):
+        limit = None if limits is None else limits.limit_of(label)
+        if limit is not None and a * plan.rho + b > 0:
+            part = min(part, (limit - d) / (a * plan.rho + b) / 2)
+    part = max(part, Fraction(1, 10**9))
+    return decimal_below(claimed(starts[0]) * part), decimal_below(claimed(starts[1]) * part) if starts[1] else 0.0
+
+
+def _plans_with_inputs(
+    asked: Asked, base: Separable, final: Check | None, found: Sequence[Fraction]
+) -> Iterator[_Plan]:
+    """Boxes that hold the starts under all that [uncertainty] states: those of ``accuracy`` and max-separable."""
+    problem = asked.problem
+    if final is None or not isinstance(final.claim, Accuracy):
+        return
+    peaks, first = final.claim.peaks, final.claim.stages[0]
+    starts, error = _starts(asked, final.domain), final.claim.error or base.error
+    levels = [first]
+    if first.rho is None:  # linear couplings: other weights may want smaller inputs
+        same = lowest_level(problem, peaks, tuple(base.v))
+        levels += [] if same is None else [same]
+    for level in levels:
+        v, own = tuple(level.v), error
+        if error is not None and first.rho is None:
+            own = replace(error, kappa=_kappa(error, v))
+        rho = _level_of(v, own, starts, level.level)
+        rho = rho if first.rho is None else min(rho, first.rho)
+        stage = replace(level, rho=None if first.rho is None else rho)
+        parts = decide.loaded_inputs(problem, peaks, stage, own, claimed(starts[1]))
+        yield _Plan(starts=starts, rho=rho, parts=parts, v=v, stage=stage, error=own)
+
+
+def _kappa(error: ErrorBound, v: Sequence[Fraction]) -> Fraction:
+    """The least kappa, about, for these weights."""
+    return rounded_up(1 / (error.beta * min(v)) * (1 + Fraction(1, 10**5)), digits=9)
+
+
+def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
+    """Which input may exceed its limit, and what would keep it below."""
+    problem, limits = asked.problem, asked.problem.actuators
+    over = list[tuple[Fraction, str, Fraction]]()
+    for label, (a, b), d, most in zip(problem.network.labels, plan.parts, found, plan.inputs(found), strict=True):
+        limit = None if limits is None else limits.limit_of(label)
+        if limit is not None and most > limit:
+            over.append(((limit - b - d) / a if a else _ZERO, label, limit - b - d))
+    lower, label, room = min(over)
+    place = problem.network.index[label]
+    allowed = _ZERO if limits is None else limits.limit_of(label) or _ZERO
+    most = plan.inputs(found)[place]
+    reason = f"the input of agent {label} may reach {float(most):.6g}, more than its limit of {float(allowed):.6g}."
+    if allowed <= found[place]:
+        alone = float(found[place])
+        return f"{reason} The disturbance alone may need {alone:.6g}, so that no region and no gain would do."
+    if room <= 0:
+        rest = float(plan.parts[place][1])
+        return f"{reason} The disturbance may need {float(found[place]):.6g}, errors of estimates and noise {rest:.6g}."
+    noise = _level_of(plan.v, plan.error, (0.0, plan.starts[1]), _ZERO)
+    box = (lower - noise) * min(plan.v)
+    starts = f"from starts with |e_i| <= {_told(box)} and the same |eps_i|"
+    late = f"once V of the check max-separable is at most {_told(lower)}"
+    reason += f" It never saturates {starts if box > 0 else late}."
+    if pinned := decide.pin_sizes(problem)[place]:
+        reason += f" For the whole region it would need a gain of at most {_told(pinned * lower / plan.rho)} and a new"
+        reason += " proof."
+    return reason
 
 
 def _told(x: Fraction) -> str:

@@ -216,6 +216,12 @@ class Errors(NamedTuple):
 EXACT: Final = Errors()
 
 
+def stated_errors(problem: Problem) -> Errors:
+    """The errors that the problem states in [uncertainty]."""
+    table = problem.uncertainty
+    return EXACT if table is None else Errors(table.weights, table.gains)
+
+
 @dataclass(frozen=True, slots=True)
 class Term:
     """``weight`` times the largest h(y) on -s reach <= y <= s step; ``coupling`` is its place in problem.couplings."""

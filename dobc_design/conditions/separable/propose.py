@@ -19,7 +19,7 @@ from scipy import sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
 from dobc_design.conditions.numbers import time_to_one_percent
-from dobc_design.conditions.separable.claim import ErrorBound, Separable, holding_gains, stuck_agents
+from dobc_design.conditions.separable.claim import EXACT, ErrorBound, Errors, Separable, holding_gains, stuck_agents
 from dobc_design.conditions.separable.decide import largest_rate, verify_composite
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.coupling.expression import numpy_function
@@ -65,6 +65,8 @@ class Field:
     modes: tuple[tuple[Group, ...], ...]
     grid: Array
     load: Array | float = 0.0  # what is added to every row
+    off: float = 0.0  # relative error of every weight, which takes its worse end
+    extra: Any = None  # (n, n): what grows with v besides, and is added to every row
 
     def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]:
         """The largest row of every agent, its Jacobian in v (n, n), and the size of its terms."""
@@ -78,7 +80,10 @@ class Field:
             worst = np.fmax(worst, row)  # a row that is no number is left out
             scale = np.maximum(scale, np.abs(row))
         residual = worst + self.load - (self.gains - alpha) * v
-        return residual, self._jacobian(chosen, choices, v, alpha), scale
+        jacobian = self._jacobian(chosen, choices, v, alpha)
+        if self.extra is not None:
+            residual, jacobian = residual + self.extra @ v, jacobian + self.extra
+        return residual, jacobian, scale
 
     def values(self, mode: int, face: int, v: Array) -> Array:
         """One face of one mode: the largest sum of every agent at each s of the grid, without its gain, (grid, n)."""
@@ -89,6 +94,8 @@ class Field:
             together = max(1, AT_ONCE // max(1, len(own)))
             for first in range(0, len(self.grid), together):
                 values, _ = _sup(group, face, self.grid[first : first + together, None], own, other)
+                if self.off:
+                    values = values * np.where(values > 0, 1 + self.off, 1 - self.off)
                 for k, value in enumerate(values, start=first):
                     total[k] += np.bincount(group.listeners, weights=group.weights * value, minlength=self.size)
         return total
@@ -108,6 +115,9 @@ class Field:
                 here = mine[group.listeners]
                 i, j, w = group.listeners[here], group.speakers[here], group.weights[here]
                 own, other = _derivatives(group, face, float(self.grid[k]), v[i], v[j])
+                if self.off:
+                    value, _ = _sup(group, face, float(self.grid[k]), v[i], v[j])
+                    w = w * np.where(value > 0, 1 + self.off, 1 - self.off)
                 parts_i += [i, i]
                 parts_j += [i, j]
                 parts_x += [w * own, w * other]
@@ -115,8 +125,9 @@ class Field:
         return sparse.csr_array(sparse.coo_array(entries, shape=(self.size, self.size)))
 
 
-def field_of(problem: Problem, *, rho: float) -> Field:
-    """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 8 rho."""
+def field_of(problem: Problem, *, rho: float, errors: Errors = EXACT) -> Field:
+    """Prepare the rows for s in (0, rho]; turning points of h are looked for on |y| <= 8 rho.  ``errors``: weights and
+    gains take their worse ends."""
     functions = [numpy_function(each.components[0]) for each in problem.couplings]
     shapes = [(h, *_extremes(h, radius=8.0 * rho)) for h in functions]
     modes = []
@@ -129,8 +140,9 @@ def field_of(problem: Problem, *, rho: float) -> Field:
     count = int(np.clip(WORK // total, COARSEST, FINEST))
     return Field(
         size=problem.n,
-        gains=np.array([float(k) for k in holding_gains(problem)]),
+        gains=np.array([float(k) for k in holding_gains(problem, error=errors.gains)]),
         modes=tuple(modes),
+        off=float(errors.weights),
         grid=rho * np.concatenate([[NEAREST], np.linspace(0, 1, count)[1:]]),
     )
 
@@ -315,14 +327,16 @@ class SeparablePlan:
         return time_to_one_percent(self.whole_rate, self.factor)
 
 
-def propose_separable(problem: Problem, *, rho: Fraction | float, near: float | None = None) -> SeparablePlan | None:
+def propose_separable(
+    problem: Problem, *, rho: Fraction | float, near: float | None = None, errors: Errors = EXACT
+) -> SeparablePlan | None:
     """v with min v = 1 and the largest rate for all s in (0, rho], about; None if none > 0.  ``near``: a rate expected
-    (1/s)."""
+    (1/s).  ``errors``: weights and gains take their worse ends."""
     if stuck_agents(problem) or not 0 < rho <= LARGEST_RADIUS:
         return None
     with np.errstate(all="ignore"):  # far out couplings overflow or end; what is not finite is no proposal
         try:
-            field = field_of(problem, rho=float(rho))
+            field = field_of(problem, rho=float(rho), errors=errors)
         except ArithmeticError as error:
             logger.info("no proposal for rho = %g: %s", rho, error)
             return None
@@ -378,14 +392,19 @@ def propose_vectors(problem: Problem, *, rho: float, parts: Sequence[float]) -> 
 
 
 def design_separable(
-    problem: Problem, *, radius: Fraction, disturbance: Fraction = Fraction(0), W: Matrix | None = None
+    problem: Problem,
+    *,
+    radius: Fraction,
+    disturbance: Fraction = Fraction(0),
+    W: Matrix | None = None,
+    errors: Errors = EXACT,
 ) -> SeparablePlan | None:
     """Plan a certificate for every start with |e|_inf <= radius and |eps_i| <= disturbance; None if none is found.
     With an exosystem the observer's part is chosen for the gain W (q, m), so that V = N + kappa E is about as fast as
-    N."""
+    N.  ``errors``: as in ``propose_separable``."""
     exosystem = problem.joint_exosystem
     if exosystem is None:
-        return propose_separable(problem, rho=radius)
+        return propose_separable(problem, rho=radius, errors=errors)
     if W is None:
         return None
 
@@ -394,7 +413,8 @@ def design_separable(
         error = propose_error_bound(exosystem, W, rate=rate)
         if error is None:
             return None
-        proposal = propose_separable(problem, rho=radius_needed(radius, error, disturbance), near=near)
+        rho = radius_needed(radius, error, disturbance)
+        proposal = propose_separable(problem, rho=rho, near=near, errors=errors)
         return None if proposal is None else replace(proposal, error=error)
 
     # One v for many agents takes long, so that the first one is for a kappa that is seldom too small.

@@ -13,7 +13,7 @@ from dobc_design.conditions.check import Check, cut_check, limited, surviving, u
 from dobc_design.conditions.coverage import Asked, Progress
 from dobc_design.conditions.numbers import bisected, claimed, rounded_down
 from dobc_design.conditions.separable import checks, propose
-from dobc_design.conditions.separable.claim import Separable
+from dobc_design.conditions.separable.claim import EXACT, Errors, Separable, stated_errors
 from dobc_design.conditions.separable.decide import covers, verify_separable
 from dobc_design.conditions.separable.propose import SeparablePlan
 from dobc_design.conditions.separable.propose_coordinates import propose_coordinates
@@ -31,6 +31,7 @@ WIDER = Fraction(2)  # how much further out the agent is looked for that is no l
 KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
 #: How many times less steep couplings have to be for a v of its own for sampling; the part of the rate that it keeps.
 WORTH, SLOWER, SAMPLES = 2, 0.1, 50
+SLOWER_WITH_ERRORS = 10**6  # times slower than without them rows may be with the errors that the file states
 #: Arcs of all modes together up to which delays and sampling are examined (a minute in the second program).
 TIMED_ARCS = 20_000
 
@@ -131,7 +132,13 @@ def fastest_in_words(plan: SeparablePlan | None) -> str:
 
 
 def largest_claim(asked: Asked) -> Found | None:
-    """A proved claim for the box asked for, else for the largest box that is found."""
+    """A proved claim for the box asked for, else for the largest box that is found.  Where the file states errors of
+    weights and gains, one whose rows hold for all of them is looked for first."""
+    if any(errors := stated_errors(asked.problem)):
+        found = _claim(asked, asked.radius, _plan(asked, asked.radius, errors))
+        slow = None if found is None else replace(found.claim, alpha=found.claim.alpha / SLOWER_WITH_ERRORS)
+        if slow is not None and verify_separable(asked.problem, slow, errors=errors).verdict is Verdict.PROVED:
+            return found
     found = _claim(asked, asked.radius, _plan(asked, asked.radius))
     if found is not None or asked.domain == "global":
         return found
@@ -169,11 +176,11 @@ def _starts(asked: Asked, radius: float) -> dict[str, Fraction]:
     return {"radius": claimed(radius), "disturbance": claimed(asked.disturbance)}
 
 
-def _plan(asked: Asked, radius: float) -> SeparablePlan | None:
+def _plan(asked: Asked, radius: float, errors: Errors = EXACT) -> SeparablePlan | None:
     """What floating point proposes for a box, with the largest rate."""
     plan = None
     with surviving(f"no max-separable proposal for radius {radius}", WorkLimitError):
-        plan = propose.design_separable(asked.problem, **_starts(asked, radius), W=asked.W)
+        plan = propose.design_separable(asked.problem, **_starts(asked, radius), W=asked.W, errors=errors)
     return plan
 
 

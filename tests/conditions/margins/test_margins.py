@@ -120,7 +120,7 @@ def test_a_table_is_proved_and_a_larger_one_is_not():
     check = found(near, "tolerance")
     assert check.verdict is Verdict.PROVED
     assert check.domain == {"kind": "box", "radius": 4.0, "disturbance": 0.5}
-    far = tolerance(TWO.replace(region=WIDE, uncertainty={"weights": "0.06", "gains": "0.06"}), beside=near)
+    far = tolerance(TWO.replace(region=WIDE, uncertainty={"weights": "0.09", "gains": "0.09"}), beside=near)
     assert far.verdict is Verdict.UNDECIDED
     assert "times these errors it is proved" in far.reason
 

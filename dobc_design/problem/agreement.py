@@ -18,17 +18,16 @@ from dobc_design.verdict import Verdict
 
 def agreement_words(problem: Problem) -> str:
     """What agents of which none is pinned do among themselves, in a sentence; "" where it is not known here."""
-    if problem.pinning.agents or problem.dynamics is not None or problem.origin is not None:
+    if problem.pinning.agents or problem.dynamics is not None or problem.origin is not None or problem.n == 1:
         return ""
     labels, modes = problem.network.labels, problem.network.modes
-    roots = []
-    for name, arcs in modes.items():
-        groups = closed_groups(problem, [arcs.present])
-        if len(groups) > 1:
-            first, second = (listed([labels[i] for i in group]) for group in groups[:2])
-            where = f" in mode {name}" if len(modes) > 1 else ""
-            return f"Nor do they agree with each other{where}: neither {first} nor {second} hear anybody else."
-        roots.append(set(groups[0]))
+    apart = closed_groups(problem, modes.values())
+    if len(apart) > 1:
+        first, second = (f"agents {listed([labels[i] for i in group])}" for group in apart[:2])
+        return f"Nor need they agree with each other: {first} never hear anybody else, and neither do {second}."
+    roots = [set(groups[0]) for arcs in modes.values() if len(groups := closed_groups(problem, [arcs.present])) == 1]
+    if len(roots) < len(modes):
+        return ""  # it depends on how the modes follow each other
     if problem.uncertainty is not None or problem.actuators is not None:
         return ""  # what they leave of it is not decided here
     if not _attract(problem) or not all(map(_estimates_decay, problem.groups)):

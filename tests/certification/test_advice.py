@@ -207,22 +207,27 @@ def test_agents_without_pins_agree_and_what_is_not_reached_is_the_target():
     ("change", "words"),
     [
         (("[5,1],", ""), "agent 5 is heard by all others"),
-        (("[2,3],[3,4],[4,5],[5,1],", "[3,4],[4,5],[5,3],"), "Nor do they agree with each other: neither"),
+        (
+            ("[2,3],[3,4],[4,5],[5,1],", "[3,4],[4,5],[5,3],"),
+            "agents 1, 2 never hear anybody else, and neither do agents 3, 4, 5.",
+        ),
         (('"4*y"', '"4*y + y**3"'), "agree with each other, from close enough starts, because"),
         (('"4*y"', '"y**3"'), ""),
         (("constant = true", "constant = true\n[observer]\nW = [[-1]]"), ""),
+        (("ring = ", "ring = [[1,2],[3,4]]\nrest = "), ""),
+        (("ring = ", "ring = [[1,5],[2,5],[3,2],[4,3]]\nrest = "), "agent 5 is heard by all others"),
         (("[exosystem]", "[uncertainty]\ndisturbance = 1\n[exosystem]"), ""),
     ],
 )
 def test_agreement_is_said_only_where_it_holds(change: tuple[str, str], words: str):
     """A chain, two groups, a nonlinear coupling, one that hardly attracts, an observer whose error
-    grows, a disturbance that no observer knows."""
+    grows, a mode without a root and one with it, a disturbance that no observer knows."""
     text = LEADERLESS.replace(*change)
     assert text != LEADERLESS
     found = [remark for remark in remarks(read(text)) if "No agent is pinned" in remark]
     assert len(found) == 1
     assert (words or "The group can drift as a whole.") in found[0]
-    assert ("agree with each other" in found[0]) == bool(words)
+    assert ("with each other" in found[0]) == bool(words)
 
 
 SWITCHING_PINS = """\

@@ -6,12 +6,11 @@ through others (a root of the graph), and the estimation errors decay.
 
 from __future__ import annotations
 
-from dobc_design._show.cards import listed
 from dobc_design.exact.matrix import multiply, subtract
 from dobc_design.exact.observability import decide_detectable
 from dobc_design.exact.polynomial import decide_hurwitz
 from dobc_design.problem.arrays import closed_groups
-from dobc_design.problem.groups import Group
+from dobc_design.problem.groups import Group, name_some
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
@@ -23,8 +22,8 @@ def agreement_words(problem: Problem) -> str:
     labels, modes = problem.network.labels, problem.network.modes
     apart = closed_groups(problem, modes.values())
     if len(apart) > 1:
-        first, second = (f"agents {listed([labels[i] for i in group])}" for group in apart[:2])
-        return f"Nor need they agree with each other: {first} never hear anybody else, and neither do {second}."
+        first, second = (name_some([labels[i] for i in group]) for group in apart[:2])
+        return f"Nor need they agree with each other: no arc lets {first} hear anybody else, and none lets {second}."
     roots = [set(groups[0]) for arcs in modes.values() if len(groups := closed_groups(problem, [arcs.present])) == 1]
     if len(roots) < len(modes):
         return ""  # it depends on how the modes follow each other

@@ -209,7 +209,7 @@ def test_agents_without_pins_agree_and_what_is_not_reached_is_the_target():
         (("[5,1],", ""), "agent 5 is heard by all others"),
         (
             ("[2,3],[3,4],[4,5],[5,1],", "[3,4],[4,5],[5,3],"),
-            "agents 1, 2 never hear anybody else, and neither do agents 3, 4, 5.",
+            "no arc lets agents 1, 2 hear anybody else, and none lets agents 3, 4, 5.",
         ),
         (('"4*y"', '"4*y + y**3"'), "agree with each other, from close enough starts, because"),
         (('"4*y"', '"y**3"'), ""),

@@ -37,7 +37,7 @@ from dobc_design.conditions.margins.stage import inputs_stage, is_asked, margins
 from dobc_design.conditions.numbers import is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
-from dobc_design.conditions.quadratic.stage import FULL_ROWS, quadratic_stage
+from dobc_design.conditions.quadratic.stage import SMALL_ROWS, quadratic_stage
 from dobc_design.conditions.schedule.cycles import phases_of
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, schedule_stage, settle, settling_stage
@@ -215,7 +215,7 @@ def region_checks(
         found += stage(asked, report)
         covering = [check for check in found if covers(problem, check, found)]
         # boxes in coordinates T x are found fast, but few decay as fast as a ball of a small problem
-        small = stage is separable_stage and problem.n * problem.m <= FULL_ROWS
+        small = stage is separable_stage and problem.n * problem.m <= SMALL_ROWS
         slow = small and all(getattr(check.claim, "T", None) for check in covering)
         if not everything and covering and not slow:
             break

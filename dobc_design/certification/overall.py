@@ -307,6 +307,7 @@ def _cut_reason(checks: Sequence[Check]) -> str | None:
     else:
         told = f"Undecided: work ran out. {listed} would take too long for a problem of this size, so that nothing is"
         told += " known of what would be proved. Fewer agents, states, modes or phases would help."
+        told += " `dobc certify --all` searches longer." if any(check.longer for check in cut) else ""
     regions = [check for check in checks if check.kind.role == "region" and check.verdict is Verdict.PROVED]
     reach = [_domain_in_words(check) for check in regions]
     return told if not reach else f"{told} So far consensus is proved from {', '.join(reach)}."

@@ -89,7 +89,8 @@ class Check(Shown):
     ``claim``: what is proved, exactly; ``exact`` is that as text.  ``mode`` is None on checks that speak of all modes
     together.  ``group``, the label of its first agent, stands on checks of one group of agents where these have
     different exosystems.  ``applies``: False where an undecided condition is not about such a problem at all.
-    ``cut``: True where time or work ran out before it was decided, so that it says nothing about the problem.
+    ``cut``: True where time or work ran out before it was decided, so that it says nothing about the problem;
+    ``longer``: and `certify --all` searches longer for it.
     """
 
     id: str
@@ -106,6 +107,7 @@ class Check(Shown):
     fix: Fix | None = None
     applies: bool = True
     cut: bool = False
+    longer: bool = False
 
     def __post_init__(self) -> None:
         if self.id not in KINDS:
@@ -186,9 +188,9 @@ def undecided_check(id: str, domain: str, reason: str, *, applies: bool = True) 
     return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, applies=applies)
 
 
-def cut_check(id: str, domain: Domain, reason: str, *, mode: str | None = None) -> Check:
-    """A check that was not decided, because time or work ran out."""
-    return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, mode=mode, cut=True)
+def cut_check(id: str, domain: Domain, reason: str, *, mode: str | None = None, longer: bool = False) -> Check:
+    """A check that was not decided, because time or work ran out; ``longer``: `certify --all` searches longer."""
+    return Check(id=id, verdict=Verdict.UNDECIDED, domain=domain, reason=reason, mode=mode, cut=True, longer=longer)
 
 
 def withdrawn(check: Check, domain: str, reason: str) -> Check:

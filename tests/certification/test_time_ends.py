@@ -82,6 +82,14 @@ def test_what_is_cut_for_its_work_is_named_first(tmp_path: Path):
     assert "delay" not in found.reason  # it decides nothing
 
 
+def test_a_longer_search_is_named_where_there_is_one(tmp_path: Path):
+    problem = dd.load_problem(written(tmp_path, turns(4)))
+    for longer in (True, False):
+        checks = [cut_check("lure", "consensus", "cut off.", longer=longer)]
+        told = decide_overall(problem, checks, None).reason
+        assert told.endswith("`dobc certify --all` searches longer.") is longer
+
+
 def test_a_clock_inside_another_ends_with_the_earlier_of_both():
     assert (seconds_left(), last_call()) == (float("inf"), None)
     with until(100.0):

@@ -25,13 +25,14 @@ from dobc_design.conditions.quadratic.decide import (
     verify_lure,
 )
 from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate
-from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, spend
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
-#: Rows n m up to which quadratic certificates are looked for; a full P_e up to fewer, and somewhat more on request.
+#: Rows n m up to which quadratic certificates are looked for, and up to which with a full P_e; with at most
+#: ``SMALL_ROWS`` a full one is found so soon that it is looked for beside other proofs.
 MOST_ROWS: Final = 60
-FULL_ROWS, FULL_ROWS_ON_REQUEST = 15, 20
+FULL_ROWS, SMALL_ROWS = 20, 15
 CORNER_CHANNELS: Final = 6  # of a mode, up to which the corners of all gains are tried with the P_e found
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection; rows n m from which
 #: on fewer are.
@@ -57,10 +58,13 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     if rows > MOST_ROWS:
         reason = f"left out, because it takes long with {rows} rows n m; it is examined up to {MOST_ROWS}."
         return [undecided_check("lure", asked.domain, reason)]
-    with at_most(3 * STAGE if asked.everything else STAGE):  # there are more shapes then, and interval bounds
+    many = asked.everything or SMALL_ROWS < rows <= FULL_ROWS  # shapes and interval bounds; or a large full P_e
+    work = 3 * STAGE if many else STAGE
+    with at_most(work):
         found, cut = _ladder(asked, report), exhausted()
     if not found and cut is not None:
-        return [cut_check("lure", asked.domain, cut)]
+        longer = not many and out_of_time() is None
+        return [cut_check("lure", asked.domain, cut, longer=longer)]
     if not found:
         ball = f"any ball together with |eps_i| <= {asked.disturbance:.6g}: a smaller initial disturbance may help."
         reason = f"no quadratic V is found{f' for {ball}' if asked.disturbance else ', not even close to the target.'}"
@@ -69,7 +73,7 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
     best = max(enough or found, key=lambda each: each.radius)
     if best.radius >= asked.ball:
         report("deciding the region (quadratic, its rate)")
-        with at_most(STAGE):
+        with at_most(work):
             best = _faster(asked, best)
     radius, remark = 0.0 if math.isinf(best.radius) else best.radius, _remark(asked, best, found)
     starts = {"radius": radius, "disturbance": asked.disturbance}
@@ -109,10 +113,9 @@ def _steps(problem: Problem) -> int:
 def _ladder(asked: Asked, report: Progress) -> list[Found]:
     """What every shape of P_e covers, until the ball asked for is covered; all of them on request."""
     rows = asked.problem.n * asked.problem.m
-    full = FULL_ROWS_ON_REQUEST if asked.everything else FULL_ROWS
     found: list[Found] = []
     shapes: tuple[Shape, ...] = ("identity", "diagonal", "full")
-    for shape in shapes if rows <= full else shapes[:2]:
+    for shape in shapes if rows <= FULL_ROWS else shapes[:2]:
         report(f"deciding the region (quadratic, {IN_WORDS[shape]})")
         proposal = propose(asked, shape)
         if proposal is not None:

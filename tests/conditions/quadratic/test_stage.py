@@ -17,6 +17,7 @@ from dobc_design.conditions.quadratic import stage as quadratic
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.sectors import enclose_ranges, gains_on
 from dobc_design.conditions.quadratic.stage import quadratic_stage
+from dobc_design.problem.load import read_problem_text
 
 SHAPES = ["P_e = I)", "a diagonal P_e)", "a full P_e)"]
 
@@ -197,3 +198,59 @@ def test_without_a_region_it_runs_on_request_and_covers_nothing():
     assert lure.verdict is Verdict.PROVED
     assert "no region is asked for" in lure.reason
     assert certificate.covered_by != "lure"
+
+
+#: Kuramoto oscillators with inertia (ten machines, fifteen lines), half of them pinned.
+SWING = """
+target = [0, 0]
+[network]
+agents = 10
+arrow = "listens_to"
+[network.modes]
+g = [[1, 4], [1, 7], [1, 9], [2, 3], [2, 8], [2, 10], [3, 7], [3, 6], [4, 6], [4, 10], [5, 10], [5, 9], [5, 6], [7, 8],
+  [8, 9], [4, 1], [7, 1], [9, 1], [3, 2], [8, 2], [10, 2], [7, 3], [6, 3], [6, 4], [10, 4], [10, 5], [9, 5], [6, 5],
+  [8, 7], [9, 8]]
+[dynamics]
+f = ["x2", "-0.1*x2"]
+B = [[0], [1]]
+[coupling]
+h = "4*sin(y1)"
+[pinning.gains]
+1 = [[1, 1]]
+2 = [[1, 1]]
+3 = [[1, 1]]
+4 = [[1, 1]]
+5 = [[1, 1]]
+[exosystem]
+constant = true
+[region]
+initial_states = [[-0.02, 0.02], [-0.02, 0.02]]
+initial_disturbance = 0.02
+"""
+
+
+@pytest.mark.slow
+def test_ten_swing_equations_are_proved_in_the_usual_order():
+    """No coordinates make the rows dominant, and no diagonal P_e does: a full one of 20 rows."""
+    problem = read_problem_text(SWING.encode(), folder=None)
+    certificate = dd.certify(problem)
+    assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "lure")
+    lure = next(check for check in certificate.checks if check.id == "lure")
+    assert lure.domain["radius"] >= 0.278
+    assert dd.verify(certificate, problem).holds
+
+
+@pytest.mark.parametrize(("n", "shapes"), [(10, SHAPES), (11, SHAPES[:2])])
+def test_a_full_p_e_of_20_rows_is_tried_after_the_others(n: int, shapes: list[str], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(quadratic, "propose", lambda *_, **__: None)
+    check, said = stage(ring(n, 3, coupling=["sin(y1) + y2", "sin(y2)"]))
+    assert check.verdict is Verdict.UNDECIDED
+    assert [message.rpartition(", ")[2] for message in said] == shapes
+
+
+def test_a_search_that_is_cut_says_whether_a_longer_one_exists(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(quadratic, "STAGE", 1)
+    for everything in (False, True):
+        check, _ = stage(ring(3, 3), everything=everything)
+        assert check.cut
+        assert check.longer is not everything

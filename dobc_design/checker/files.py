@@ -326,6 +326,17 @@ class Problem:
             X[a][c] -= lo
         return [row[:-1] for row in X]
 
+    def is_symmetric(self, mode: str) -> bool:
+        """Whether J - K is known exactly, and symmetric."""
+        X: dict[tuple[int, int], Fraction] = {}
+        for a, b, c, (lo, hi) in self.terms(mode):
+            if lo != hi:
+                return False
+            X[a, b] = X.get((a, b), ZERO) + lo
+            X[a, c] = X.get((a, c), ZERO) - lo
+        size = self.n * self.m  # the node that nobody is, which gains and pins name, comes last
+        return all(x == X.get((b, a), ZERO) for (a, b), x in X.items() if max(a, b) < size)
+
     # --- who hears whom
     def edges(self, modes: Iterable[str], hears: bool, loose: bool = False) -> list[list[int]]:
         """Whom every agent listens to, or who listens to it, by arcs that are always there, or by all (``loose``)."""

@@ -144,6 +144,10 @@ def problems() -> dict[str, Problem]:
         "unstable, elsewhere": held("-y", half, region={"initial_states": [0, 1]}),
         "unstable, irrational": held("-exp(1)*y", half),
         "unstable, large": held(gains={1: 1}, network=network([], agents=61)),
+        "repelled, large": held(
+            network=network([[i + 1, (i + k) % 61 + 1] for i in range(61) for k in (1, 60)]),
+            exceptions={(0, 1): "-3*y", (1, 0): "-3*y"},
+        ),
         "not normal": held("5*y", {1: "1/2"}, network([[2, 1], [3, 2]])),
         "kinked": held("abs(y)"),
         "regional": held("tanh(y)", region={"initial_states": [-1, 1]}),
@@ -295,6 +299,10 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("unstable, irrational", ("lemma1", {"exact": {"unstable_roots": "1"}}), ("", {"verdict": "refuted"}))
     yield bent("not normal", ("lemma1", {"exact": {"unstable_roots": "1"}}), ("", {"verdict": "refuted"}))
     yield bent("not normal", ("", {"verdict": "refuted"}))
+    # Symmetric J - K of 61 rows: a vector with v'Lambda v > 0 shows one unstable root, one with 0 shows none.
+    assert check(document("repelled, large"), "lemma1")["exact"]["unstable_roots"] == "1"
+    yield bent("repelled, large", ("lemma1", {"exact": {"unstable_roots": "2"}}))
+    yield bent("unstable, large", ("lemma1", {"exact": {"unstable_roots": "1"}}))
     yield bent("not normal", ("lemma1", {"exact": {"unstable_roots": "1/2"}}), ("", {"verdict": "refuted"}))
     long_w = f"1/{_decimal(10**5000 + 7)}"
     long = ("observer", NO_PAIR | {"W": [[long_w]]})
@@ -384,10 +392,12 @@ def _asymmetric_pair() -> Case:
 
 
 def _too_large_to_count() -> Case:
-    """61 agents without arcs and one pin: J - K has no unstable root; with k = -1 it has one, which nobody counts."""
+    """61 agents with one arc and one pin: with k = -1 J - K has an unstable root, which nobody counts; it is not
+    symmetric, and so v'Lambda v > 0 alone shows none."""
     name = "unstable, large"
     problem = json.loads(_originals()[name][1])
     problem["gains"] = [[0, [["-1"]]]]
+    problem["modes"][0]["arcs"] = [[1, 2, "1"]]
     copied = document(name)
     exact = {"unstable_roots": "1", "value": "2"}
     witness = {"kind": "vector", "labels": ["1"], "values": ["1"] + ["0"] * 60}

@@ -30,6 +30,7 @@ from dobc_design.conditions.consensus.claim import (
 from dobc_design.conditions.consensus.network import Enclosed, find_witness, is_negative, lowest_quotient, refutes
 from dobc_design.conditions.numbers import claimed, has_short_denominator, largest_proved, shorten
 from dobc_design.exact.definite import decide_positive_definite
+from dobc_design.exact.interval import Interval
 from dobc_design.exact.matrix import Matrix, Vector, multiply, transpose, zeros
 from dobc_design.exact.number import from_fmpq_mat, number_text, to_fmpq_mat
 from dobc_design.exact.polynomial import characteristic_polynomial, count_right_half_plane
@@ -40,6 +41,7 @@ from dobc_design.problem.groups import group_blocks, group_numbers
 from dobc_design.verdict import Verdict
 
 LARGEST_EXAMINED = 60  # rows; counting roots takes seconds there, minutes at twice the size
+MOST_SYMMETRIC = 100_000  # arcs of a mode whose J - K is compared with its transpose
 # How a claim is not confirmed.
 NO_NUMBER, OTHER_VALUES = "it claims a number that this check does not have", "exact values are not what they say"
 MOST_COUNTING = 2_000_000  # rows^2 times the bits of the common denominator: as long as 60 rows with about 550 bits
@@ -63,6 +65,24 @@ def unstable_roots(statements: Statements, mode: str) -> int:
         return 0
     matrix = linear_part(statements, mode)
     return 0 if matrix is None else count_right_half_plane(characteristic_polynomial(matrix))
+
+
+def is_unstable_along(statements: Statements, mode: str, value: Interval) -> bool:
+    """Whether v'Lambda v = ``value`` > 0 shows an eigenvalue of J - K > 0, of any size: where J - K is symmetric,
+    Lambda = 2 (J - K), and its largest eigenvalue is at least v'(J - K)v / v'v."""
+    return value.lo > 0 and _is_symmetric(statements, mode)
+
+
+def _is_symmetric(statements: Statements, mode: str) -> bool:
+    """Whether J - K of one mode is known exactly, and symmetric: the same arcs both ways."""
+    jacobians = statements.jacobians
+    if jacobians is None or sum(len(each.arcs) for each in _modes(statements, mode)) > MOST_SYMMETRIC:
+        return False
+    (each,) = _modes(statements, mode)
+    if not each.is_point:
+        return False
+    entries = claim.linearisation(each, statements.problem.pinning, jacobians.dimension)
+    return all(value == entries.get((j, i), ZERO) for (i, j), value in entries.items())
 
 
 def linear_part(statements: Statements, mode: str) -> Matrix | None:
@@ -132,6 +152,7 @@ def lemma1_check(statements: Statements, mode: str, proposal: Proposal) -> Check
         reason = f"lambda_max(Lambda) {network.why_undecided(problem, matrix)}"
         return check(verdict=Verdict.UNDECIDED, reason=reason)
     value, roots = matrix.value(vector), unstable_roots(statements, mode)
+    roots = max(roots, int(is_unstable_along(statements, mode, value)))
     return check(
         verdict=Verdict.REFUTED,
         margin=network.refuted_margin(matrix, vector),
@@ -322,9 +343,11 @@ def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) ->
     exact = check.exact or {}
     if check.id == "lemma1":
         mode, said = str(check.mode), claim.read_claim(check, statements.problem, None)
-        if not isinstance(said, Unstable) or (said.roots and said.roots > unstable_roots(statements, mode)):
+        if not isinstance(said, Unstable):
             return OTHER_VALUES
         vector = _vector(check)
+        if not _has_roots(said.roots, statements, mode, vector):
+            return OTHER_VALUES
         if said.value is not None and said.value > enclosed_lambda(statements, mode).value(vector).lo:
             return OTHER_VALUES
         return _confirm_lambda(check, statements, mode, vector)
@@ -334,6 +357,13 @@ def _confirm_refuted(check: Check, statements: Statements, pair: Pair | None) ->
     if mode not in statements.lambdas or exact != {"block": "Lambda", "mode": mode}:
         return "one pair failing says nothing about the others"
     return _confirm_lambda(check, statements, mode, _vector(check))
+
+
+def _has_roots(count: int, statements: Statements, mode: str, vector: Vector) -> bool:
+    """Whether J - K is shown to have so many eigenvalues with positive real part."""
+    if count <= unstable_roots(statements, mode):
+        return True
+    return count == 1 and is_unstable_along(statements, mode, enclosed_lambda(statements, mode).value(vector))
 
 
 def _confirm_lambda(

@@ -13,7 +13,7 @@ from exact_oracle import Oracle, eye, negative_definite, plus, times
 from linked import linked
 from random_problems import WEIGHTS
 
-from dobc_design import Exosystem, Observer, Verdict, certify
+from dobc_design import Exosystem, Observer, Verdict, certify, verify
 from dobc_design.certification.recheck import recheck
 from dobc_design.conditions.consensus.claim import Pair, state_theorems
 from dobc_design.conditions.consensus.decide import (
@@ -230,6 +230,23 @@ def test_irrational_slopes_and_large_networks_are_not_examined():
     n = LARGEST_EXAMINED + 1
     large = linked([[i, i % n + 1] for i in range(1, n + 1)], coupling="-y", gains="1/10")
     assert unstable_roots(state_theorems(large), "G") == 0
+
+
+@pytest.mark.parametrize(("slope", "verdict"), [("-1.01", "refuted"), ("-0.99", "proved")])
+def test_one_unstable_root_of_a_large_symmetric_network_is_shown_by_a_vector(slope, verdict):
+    """62 pairs, k = 1 each, and h = s y both ways in one of them: its eigenvalues are -1 and -1 - 2 s."""
+    pairs = [(2 * i + 1, 2 * i + 2) for i in range(62)]
+    arcs = [arc for a, b in pairs for arc in ([a, b], [b, a])]
+    half = {(0, 1): f"{slope}/2*y", (1, 0): f"{slope}/2*y"}
+    problem = linked(arcs, coupling="y", exceptions=half, gains="1")
+    certificate = certify(problem)
+    assert certificate.verdict.value == verdict
+    assert verify(certificate, problem).lone_checker == "it accepts every claim"
+    if verdict == "refuted":
+        assert "1 eigenvalue(s) with positive real part" in certificate.reason
+        # the same value of the form, and a loop that is not symmetric: nothing is counted
+        one_way = linked([*arcs, [3, 1]], coupling="y", exceptions=half, gains="1")
+        assert certify(one_way).verdict is Verdict.UNDECIDED
 
 
 def test_diagonal_slopes_that_are_not_negative_with_scalar_gains_are_never_unstable():

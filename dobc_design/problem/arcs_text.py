@@ -9,6 +9,7 @@ import io
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from dobc_design.errors import SpecError
 from dobc_design.exact.reading import named, shown
@@ -36,6 +37,7 @@ _QUOTED = re.compile(r'"[^"]*"')
 _NUMBER = re.compile(r"[+-]?[0-9]+(?:[.,/][0-9]+)?(?:[eE][+-]?[0-9]+)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 _BLANKS_AND_COMMA = re.compile(r"[^\s,;]+\s+[^\s,;]+\s+[+-]?[0-9]+,[0-9]+\s*")  # a b 0,5
+_KONECT = re.compile(r"\s*%\s*(sym|asym|bip)\s+[a-z]+\s*$", re.MULTILINE)  # the first line of the networks of KONECT
 _COMMENT = re.compile(r"[#%](?:\s|\Z)")
 _ATTRIBUTE = re.compile(r"""\s*(?:'([^']*)'|"([^"]*)")\s*:\s*(?:'([^']*)'|"([^"]*)"|([^\s,'"{}\[\]]+))\s*(?:,|\Z)""")
 
@@ -69,10 +71,14 @@ PLAIN = Columns()  # a, b and perhaps a weight, without a header
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """The rows of a text as they stand, the header among them, and what separates their cells (None: blanks)."""
+    """The rows of a text as they stand, the header among them, and what separates their cells (None: blanks).
+
+    ``both``: every row is an undirected edge, as the first comment of the file says.
+    """
 
     separator: str | None
     rows: Rows
+    both: bool = False
 
 
 def csv_table(text: str, source: Source) -> Table:
@@ -83,8 +89,16 @@ def csv_table(text: str, source: Source) -> Table:
 
 def edge_list_table(text: str, source: Source) -> Table:
     """An edge list, separated by blanks, tabs, commas or semicolons.  Raises: SpecError."""
+    konect = _KONECT.match(text)
+    if konect is not None and konect[1] == "bip":
+        what = "is a network of two kinds of nodes (% bip), whose edges are no readings between agents"
+        raise source.error(what, "Take a network of one kind of nodes.")
     separator = _edge_list_separator(text, source)
-    return Table(separator=separator, rows=lambda: _edge_list(text, source, separator))
+    return Table(
+        separator=separator,
+        rows=lambda: _edge_list(text, source, separator),
+        both=konect is not None and konect[1] == "sym",
+    )
 
 
 def csv_separator(text: str, source: Source) -> str:
@@ -198,10 +212,12 @@ def arcs_of(table: Table, source: Source, index: Mapping[str, int]) -> Iterator[
     if first is None:
         return
     columns = find_columns(first, table.rows, source, index)
-    if columns.width is None:
-        yield first
-    for number, cells in rows:
-        yield from _in_order(number, cells, columns, source)
+    body = rows if columns.width is not None else chain([first], rows)
+    for number, cells in body:
+        for row, arc in _in_order(number, cells, columns, source):
+            yield row, arc
+            if table.both and len(arc) > 1:
+                yield row, [arc[1], arc[0], *arc[2:]]
 
 
 def _in_order(number: int, cells: list[str], columns: Columns, source: Source) -> Iterator[Row]:

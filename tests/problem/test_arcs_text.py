@@ -66,6 +66,16 @@ def test_a_table_of_gephi_says_of_each_edge_whether_it_is_directed(tmp_path):
         read(tmp_path, "gephi.csv", text.replace("Directed,1", "mutual,1"))
 
 
+def test_the_first_comment_of_konect_says_whether_edges_are_directed(tmp_path):
+    assert triples(read(tmp_path, "out.txt", "% sym unweighted\n% 2 3 3\n1 2\n2 3\n")) == plain("12", "21", "23", "32")
+    assert triples(read(tmp_path, "out.txt", "% asym unweighted\n1 2\n2 3\n")) == plain("12", "23")
+    assert triples(read(tmp_path, "out.txt", "% symmetric things\n1 2\n2 3\n")) == plain("12", "23")
+    with pytest.raises(SpecError, match="line 2 must have 2 or 3 columns"):
+        read(tmp_path, "out.txt", "% sym unweighted\n1\n2 3\n")
+    with pytest.raises(SpecError, match="two kinds of nodes"):
+        read(tmp_path, "out.txt", "% bip unweighted\n1 2\n2 3\n")
+
+
 def test_labels_with_blanks_are_separated_by_tabs_or_commas(tmp_path):
     wanted = [("New York", "Room 5", 1), ("Room 5", "Room 6", 1)]
     assert triples(read(tmp_path, "rooms.txt", "New York\tRoom 5\nRoom 5\tRoom 6\n")) == wanted

@@ -14,7 +14,7 @@ from dobc_design.conditions.check import Check
 from dobc_design.conditions.consensus.claim import Unstable
 from dobc_design.conditions.consensus.network import cure_in_words, name_agents, unheld_groups
 from dobc_design.conditions.coverage import asked_radius, covers
-from dobc_design.conditions.graphs.decide import signals_in_words
+from dobc_design.conditions.graphs.decide import absorbing, generator_of, signals_in_words
 from dobc_design.conditions.numbers import read_rational, rounded_up, shorten
 from dobc_design.conditions.observer.decide import observable_part_is_hurwitz, too_large
 from dobc_design.conditions.schedule.cycles import cycles_of, may_stay, phases_of
@@ -140,11 +140,13 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
 
 
 def _apart_reason(problem: Problem) -> str | None:
-    """Agents that nothing pulls to the target, always or in a cycle of modes, if the region lets them start so."""
+    """Agents that nothing pulls to the target, always, in a cycle of modes, or in modes that a Markov chain never
+    leaves, if the region lets them start so."""
     labels, phases = problem.network.labels, phases_of(problem)
     if problem.node is not None:  # what no gain and no slope of f acts on, f itself may still pull: x' = -x**3
         return None
-    for cycle in ((), *(cycles_of(phases) if len(phases) <= MOST_PHASES else ())):
+    cycles = cycles_of(phases) if len(phases) <= MOST_PHASES else []
+    for cycle in ((), *cycles, *absorbing(problem)):
         reason = _apart_in(problem, cycle, labels)
         if reason is not None:
             return reason
@@ -167,7 +169,11 @@ def _apart_in(problem: Problem, cycle: Sequence[str], labels: Sequence[str]) -> 
             pins = f"no pinned agent reaches {who}{sure}"
             if not whole:
                 turns = f"mode {cycle[0]} stays" if len(cycle) == 1 else f"modes {' and '.join(cycle)} are"
-                pins = f"while {turns} on, as the guarantee allows, {pins}, so nothing pulls {them}"
+                while_on = f"while {turns} on, as the guarantee allows"
+                if generator_of(problem) is not None:
+                    on = f"mode {cycle[0]}" if len(cycle) == 1 else f"modes {', '.join(cycle)}"
+                    while_on = f"once the Markov signal is in {on}, which it never leaves"
+                pins = f"{while_on}, {pins}, so nothing pulls {them}"
             else:
                 pins += f", in any mode, so nothing pulls {them}"
             if not problem.pinning.agents:

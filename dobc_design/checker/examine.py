@@ -12,7 +12,7 @@ from .coordinates import boxes
 from .cycles import allowed, schedule
 from .factors import bounded, time_to_one_percent
 from .files import Certificate, Problem
-from .graphs import markov, may_stay, safety
+from .graphs import MODES, absorbing, markov, may_stay, safety
 from .margins import actuators, tolerance
 from .matrices import product, stable
 from .quadratic import lure
@@ -230,7 +230,8 @@ def refuted(case: Certificate) -> bool:
         if group.W is not None and not takes_long(group)
         for T, columns in [observable(group)]
     )
-    apart = any(p.escapes(cycle, k == 0) for k, cycle in enumerate(allowed(p)))
+    last = absorbing(p) if len(p.modes) <= MODES else []
+    apart = any(p.escapes(cycle, k == 0) for k, cycle in enumerate([*allowed(p), *last]))
     if apart or (p.region and any(check.id == "equilibrium" for check in found)) or not all(map(stable, parts)):
         return True
     sides = enumerate([] if p.region is None else zip(p.region.initial_states, p.leads, strict=True))

@@ -12,6 +12,9 @@ from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read
 from .separable import observed
 
 
+MODES = 300
+
+
 def generator(p: Problem) -> Matrix:
     """The rates from mode to mode of the Markov chain that proofs may assume."""
     size, table = len(p.modes), p.switching or {}
@@ -20,6 +23,18 @@ def generator(p: Problem) -> Matrix:
     rates = (x for k, row in enumerate(G) for q, x in enumerate(row) if q != k)
     need(min(rates) >= 0 and not any(map(sum, G)), "the generator is none")
     return G
+
+
+def absorbing(p: Problem) -> list[list[str]]:
+    """The modes of each smallest set that the Markov chain never leaves; none without a chain."""
+    if (p.switching or {}).get("guarantee") != "markov" or len(p.modes) == 1:
+        return []
+    G = generator(p)
+    need(len(G) <= MODES, "a chain of so many modes is not followed here")
+    edges = [[q for q, rate in enumerate(row) if q != k and rate > 0] for k, row in enumerate(G)]
+    sets = [reach([k], edges) for k in range(len(G))]
+    smallest = [each for each in sets if all(sets[q] == each for q in each)]
+    return [[mode for q, mode in enumerate(p.modes) if q in each] for each in smallest]
 
 
 def may_stay(p: Problem, mode: str) -> bool:
@@ -49,10 +64,7 @@ def markov(case: Certificate, check: Any) -> None:
     """Whatever the first mode, all errors decay almost surely, in the mean or in mean square; or some stay as they
     are in modes that are never left."""
     p, G = case.problem, generator(case.problem)
-    edges = [[q for q, rate in enumerate(row) if q != k and rate > 0] for k, row in enumerate(G)]
-    sets = [reach([k], edges) for k in range(len(G))]
-    smallest = [each for each in sets if all(sets[q] == each for q in each)]  # of those that are never left
-    last = [[mode for q, mode in enumerate(p.modes) if q in each] for each in smallest]
+    last = absorbing(p)
     if check.verdict == "refuted":
         lost = ((each, reach(p.gains, p.edges(each, False))) for each in last)
         names, held = next((found for found in lost if len(found[1]) < p.n), ([], set()))

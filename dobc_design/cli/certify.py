@@ -54,37 +54,39 @@ def certify(
     as_json: output.Json = False,
 ) -> None:
     """Decide every condition exactly; write certificate.json, problem.json and the report."""
-    from dobc_design.certificate.files import require_own
-    from dobc_design.conditions.kinds import KINDS
-    from dobc_design.exact.work import read_time_limit
-    from dobc_design.problem.load import load_problem
-    from dobc_design.report.words import shown_notes
-    from dobc_design.report.write import PAGE, render_report
+    from dobc_design.exact.work import read_time_limit, until
 
-    stages = output.Progress(quiet=quiet, verbose=verbose)
-    if theorem is not None and theorem not in KINDS:
-        raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(KINDS)}.")
-    output.refuse_option(out, key="--out")
-    if apply_fix is not None:
-        output.check_target(apply_fix, force=force, key="--apply-fix")
-    tolerance = _tolerance(settling)
     seconds = None if time_limit is None else read_time_limit(time_limit, key="--time-limit")
-    problem = load_problem(file)
-    folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
-    pages: dict[str, bytes] = {}
-    with stages as progress:
-        how: dict[str, Any] = {"everything": everything, "time_limit": seconds}
-        certificate, searches = _certified(problem, tolerance, progress, search=search, **how)
-        cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
-        if report:
-            try:
-                pages = render_report(certificate, searches=searches, progress=progress)
-            except Exception:
-                certificate.save(folder, force=force)  # the proof outlives its picture
-                raise
-        path, own, *_ = certificate.save(folder, beside=pages, force=force)
-        if apply_fix is not None and cured is not None:
-            output.write_file(apply_fix, cured, key="--apply-fix")
+    with until(None if seconds is None else float(seconds)):  # what is imported and read counts
+        from dobc_design.certificate.files import require_own
+        from dobc_design.conditions.kinds import KINDS
+        from dobc_design.problem.load import load_problem
+        from dobc_design.report.words import shown_notes
+        from dobc_design.report.write import PAGE, render_report
+
+        stages = output.Progress(quiet=quiet, verbose=verbose)
+        if theorem is not None and theorem not in KINDS:
+            raise SpecError(f"{theorem!r} is not known.", key="--theorem", cure=f"One of {', '.join(KINDS)}.")
+        output.refuse_option(out, key="--out")
+        if apply_fix is not None:
+            output.check_target(apply_fix, force=force, key="--apply-fix")
+        tolerance = _tolerance(settling)
+        problem = load_problem(file)
+        folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
+        pages: dict[str, bytes] = {}
+        with stages as progress:
+            how: dict[str, Any] = {"everything": everything, "time_limit": seconds}
+            certificate, searches = _certified(problem, tolerance, progress, search=search, **how)
+            cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
+            if report:
+                try:
+                    pages = render_report(certificate, searches=searches, progress=progress)
+                except Exception:
+                    certificate.save(folder, force=force)  # the proof outlives its picture
+                    raise
+            path, own, *_ = certificate.save(folder, beside=pages, force=force)
+            if apply_fix is not None and cured is not None:
+                output.write_file(apply_fix, cured, key="--apply-fix")
     page = folder / PAGE if pages else None
     checks = tuple(each for each in certificate.checks if theorem in (None, each.id))
     verdict, reason = certificate.verdict.value, certificate.reason

@@ -15,6 +15,7 @@ from dobc_design.certificate.files import make_folder, write_together
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.work import out_of_time
 from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.problem import Problem
 
@@ -86,7 +87,7 @@ def render_report(
         say("computing diagnostics")
         with suppress(SpecError):  # beyond the floats, or too long for the integrator: no reason for no report
             analysis = run_analysis(problem, gain=gain)
-            if not problem.groups or gain is not None:
+            if (not problem.groups or gain is not None) and out_of_time() is None:
                 say("simulating")
                 own = signal_of(problem)[0] if phases_of(problem) else None  # without a guarantee the first mode
                 run = run_once(make_setting(problem, gain=gain, signal=own))

@@ -17,6 +17,8 @@ from fractions import Fraction
 from functools import partial
 from typing import Any, Final
 
+import numpy as np
+
 from dobc_design.conditions.check import Check, Values, Witness, differs, read_object
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
@@ -37,6 +39,7 @@ from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
 
+MOST_MODES: Final = 300  # of a chain, of which both programs say where it ends
 SURE: Final = "almost sure"
 MEAN: Final = "mean"
 SQUARE: Final = "mean square"
@@ -111,11 +114,21 @@ def generator_of(problem: Problem) -> Matrix | None:
 
 def closed_classes(generator: Matrix) -> list[tuple[int, ...]]:
     """The smallest sets of modes (places) that the chain does not leave; it ends in one of them."""
-    reached = [{p} for p in range(len(generator))]
-    for _ in generator:
-        steps = [{q for p in each for q, rate in enumerate(generator[p]) if rate > 0} for each in reached]
-        reached = [each | new for each, new in zip(reached, steps, strict=True)]
-    return sorted({tuple(sorted(each)) for each in reached if all(reached[q] == each for q in each)})
+    size = len(generator)
+    leads = np.array([[p == q or rate > 0 for q, rate in enumerate(row)] for p, row in enumerate(generator)])
+    for _ in range(size.bit_length()):  # paths of twice the length; the numbers of paths are exact
+        steps = leads.astype(np.float64)
+        leads = steps @ steps > 0
+    closed = [row for p, row in enumerate(leads) if np.all(leads[row, p])]
+    return sorted({tuple(np.flatnonzero(row).tolist()) for row in closed})
+
+
+def absorbing(problem: Problem) -> list[tuple[str, ...]]:
+    """The modes of each such set, where proofs may assume a Markov chain; none where there are more than MOST_MODES."""
+    generator, names = generator_of(problem), list(problem.network.modes)
+    if generator is None or len(names) > MOST_MODES:
+        return []
+    return [tuple(names[p] for p in each) for each in closed_classes(generator)]
 
 
 def why_not(problem: Problem, W: Matrix | None, claim: Kept) -> str | None:
@@ -193,9 +206,8 @@ def _square(problem: Problem, claim: Kept, generator: Matrix, rate: Fraction) ->
 
 def apart_check(problem: Problem, domain: str) -> Check | None:
     """REFUTED, with the agents that hear no pin in modes that the chain never leaves; None if there are none."""
-    names = list(problem.network.modes)
-    for each in closed_classes(generator_of(problem) or ()):
-        modes = [names[p] for p in each]
+    for each in absorbing(problem):
+        modes = list(each)
         arcs = [problem.network.modes[mode] for mode in modes]
         labels = tuple(problem.network.labels[i] for i in unreached(problem, arcs))
         if labels:

@@ -236,3 +236,35 @@ def test_no_simulated_agent_that_moves_leaves_the_box():
         start = rng.uniform(-1, 1, (5, 1))
         run = simulate(own, start=start, t_final=3, seed=seed)
         assert np.max(np.abs(run.x)) <= np.max(np.abs(start)) * (1 + 1e-9)
+
+
+TWO: dict[str, Any] = {"A": [[2, 1]], "B": []}
+
+
+@pytest.mark.parametrize(
+    ("modes", "generator", "more", "verdict"),
+    [
+        (TWO, [[-1, 1], [0, 0]], {}, "refuted"),  # agent 2 hears nobody in B, which is never left
+        (TWO, [[-1, 1], ["1/1000", "-1/1000"]], {}, "proved"),  # B is left at last
+        (TWO, [[0, 0], [1, -1]], {}, "proved"),  # it ends in A
+        (TWO, [[-1, 1], [0, 0]], {"gains": {1: 1, 2: 1}}, "proved"),  # all are held in B
+        (
+            TWO,
+            [[-1, 1], [0, 0]],
+            {"region": {"initial_states": [0, 0]}},
+            "proved",
+        ),  # nobody starts away from the target
+        ({**TWO, "C": []}, [[-2, 1, 1], [0, -1, 1], [0, 1, -1]], {}, "refuted"),  # B and C in turn, for ever
+        ({**TWO, "C": [[2, 1]]}, [[-2, 1, 1], [0, -1, 1], [0, 1, -1]], {}, "proved"),  # C helps
+    ],
+)
+def test_modes_that_are_never_left_and_hold_agents_apart_refute_consensus(modes, generator, more, verdict):
+    """Theory, section 6; simulated: a start next to the target in the mode that stays keeps its error."""
+    own = problem(modes, n=2, generator=generator, **more)
+    found = certify(own)
+    assert found.verdict.value == verdict or (more.get("region") and found.verdict is not Verdict.REFUTED)
+    assert verify_twice(found.claims, own).holds
+    if verdict == "refuted":
+        assert "which it never leaves, no pinned agent reaches agent 2" in found.reason
+        run = simulate(own, mode=list(modes)[-1], start=[[0.0], [1e-6]], t_final=50)
+        assert run.final_error == pytest.approx(1e-6)

@@ -11,7 +11,6 @@ from .matrices import ZERO, Matrix, definite, plus, product, stable, transpose
 from .reading import MATRIX_BITS, an_object, matrix, maybe, need, rational, read, same, short, text, weights
 from .separable import observed
 
-
 MODES = 300
 
 

@@ -49,6 +49,7 @@ EQUIVALENT = {
     "p.n <= AGENTS": "it bounds the work.",
     "m <= MOST": "it bounds the work.",
     "pivots == [*range(m)]": "the rows of a singular T are dependent, so that no T X S dominates on its diagonal.",
+    "len(G) <= MODES": "it bounds the work.",
     "halvings > 0": "it ends the search: without it a box that is not shown is cut for ever.",
     "rate * each.times[-1] <= LONGEST": "it bounds the work: the weights would have to fall as far.",
     "len(free) <= 12": "it bounds the work.",

@@ -148,14 +148,14 @@ def _good() -> Iterator[Case]:
     yield _case("link, stays", HOLDS, MEAN, "in the mean")
     yield _case("two modes of three", HOLDS, EVERYWHERE, "almost surely")
     third: Document = {"exact": {"modes": ["C"]}, "witness": {"kind": "agents", "labels": ["2", "3"]}}
-    yield _case("two sets", HOLDS, APART | third, "apart")
+    yield _case("two sets", HOLDS, APART | third, "apart", **REFUTED)
     yield _case("link", HOLDS, bent(MEAN, w={"A": doubles(1.625, 1), "B": doubles(1.625, 1.625)}), "doubles")
     for name in ("curved", "curved, stays", "sine", "kinked"):
         yield _case(name, HOLDS, bent(SURE, domain=box(0.7), rho="0.7"), "almost surely")
     yield _case("curved, observed", HOLDS, SEEN, "almost surely")
     yield _case("link", HOLDS, EVERYWHERE, "almost surely")
-    yield _case("link, lost", HOLDS, APART, "apart")
-    yield _case("curved, lost", HOLDS, bent(APART, domain="consensus"), "apart")
+    yield _case("link, lost", HOLDS, APART, "apart", **REFUTED)
+    yield _case("curved, lost", HOLDS, bent(APART, domain="consensus"), "apart", **REFUTED)
     for name in ("moving", "moving, held", "link"):
         yield _case(name, HOLDS, SAFE, "safe")
     yield _case("moving, flat", HOLDS, safety(box(1), None, "1"), "safe")
@@ -234,12 +234,14 @@ def _bent_sure() -> Iterator[Case]:
 
 def _bent_apart() -> Iterator[Case]:
     for exact in ({"modes": ["A"]}, {"modes": ["A", "B"]}, {"modes": []}, {"modes": ["B", "B"]}, {"modes": ["X"]}, {}):
-        yield _case("link, lost", FAILS, APART | {"exact": exact}, str(exact))
+        yield _case("link, lost", FAILS, APART | {"exact": exact}, str(exact), **REFUTED)
     for labels in (["1"], ["1", "2"], [], ["2", "2"], ["3"]):
-        yield _case("link, lost", FAILS, APART | {"witness": {"kind": "agents", "labels": labels}}, str(labels))
-    yield _case("link, lost", FAILS, APART | {"witness": {"kind": "vector", "labels": ["2"]}}, "a vector")
+        yield _case(
+            "link, lost", FAILS, APART | {"witness": {"kind": "agents", "labels": labels}}, str(labels), **REFUTED
+        )
+    yield _case("link, lost", FAILS, APART | {"witness": {"kind": "vector", "labels": ["2"]}}, "a vector", **REFUTED)
     bare = {key: value for key, value in APART.items() if key != "witness"}
-    yield _case("link, lost", FAILS, bare, "no witness")
+    yield _case("link, lost", FAILS, bare, "no witness", **REFUTED)
     yield from _fails("link, lost", APART, {"rate": 0.1}, {"domain": "consensus"}, {"verdict": "proved"})
     for name in ("link", "link, stays", "link, any signal"):
         yield _case(name, FAILS, APART, "apart")

@@ -91,7 +91,7 @@ class Problem:
         self.uncertainty, self.actuators, self.simulation = file.uncertainty, file.actuators, file.simulation
         self.gains: dict[int, Matrix] = self.felt(dict(file.gains))
         h, exceptions = file.coupling.h, {tuple(each.arc): each.h for each in file.coupling.exceptions}
-        known = {each: read_coupling(each, m) for each in (h, *exceptions.values())}
+        known = {each: read_coupling(each, m, LONGEST_MADE) for each in (h, *exceptions.values())}
         self.couplings = [*known.values(), *nodes]  # all different, h first; then what every agent feels of its own
         self.nodes = len(nodes)
         # theorems are about slopes at one point: there are none at a kink, nor where a leader takes them along
@@ -126,6 +126,7 @@ class Problem:
     def read_h(self, value: Any) -> tuple[str, ...]:
         """One expression, or one per component: of B h, which the states feel."""
         h = (value,) if type(value) is str else tuple(read(value, (text,) * len(self.left)))
+        need(all(len(each) <= LONGEST for each in h), "an expression of a coupling is too long")
         if self.B is None:
             return h
         if len(h) == 1 and identity(self.m, b := self.B[0][0]) == self.B:

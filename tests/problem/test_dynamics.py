@@ -134,6 +134,15 @@ def test_f_may_fill_its_2000_characters_and_both_programs_decide_it():
         Problem(**single, dynamics={"f": [long + "-x-x"]}, target=0)
 
 
+def test_h_may_fill_its_2000_characters_beside_a_b_as_well():
+    long = "+".join(["y"] * 1000)
+    single = {"network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), "gains": {1: 5}}
+    problem = Problem(**single, coupling=long, dynamics={"A": [[-1]], "B": [["5/2"]]})
+    certificate = certify(problem)
+    assert certificate.verdict is Verdict.PROVED
+    assert verify(certificate, problem).lone_checker == "it accepts every claim"
+
+
 def test_an_f_without_slopes_at_the_target_is_named_as_it_is_written():
     """sqrt(x) at 0; from 1 on it has slopes, and there is nothing to be refused."""
     single = {"network": Network.from_arcs([[2, 1]], arrow="listens_to", agents=2), "coupling": "y", "gains": {1: 5}}

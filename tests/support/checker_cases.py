@@ -492,7 +492,7 @@ def _bent_problems() -> Iterator[Case]:
     texts += "; ((9**64)**64)**64*y; exp(16385)*y; log(0)*y; log(-1)*y; sqrt(-1)*y; sin(1e300)*y; sqrt(y); cos(y)"
     texts += "; y if y else y; y or y; +y; y.real; (); y); 1.*y; 1e401*y; ...; exp(y=y); max(*y)"
     texts += "; exp(y + 1) - exp(1); tan(pi/2)*y; 1/pi(y); exp; E; y // 1"
-    for h in (*texts.split("; "), "", "(" * 300 + "y" + ")" * 300, "y" * 2001):
+    for h in (*texts.split("; "), "", "(" * 300 + "y" + ")" * 300, "y" * 2001, "y" + " + 0*y" * 400):
         yield _with("plain", ("coupling", "h"), h, what=f"h = {h[:20]}")
     yield _with("plain", ("coupling", "h"), ["y1", "y2"])
     yield _with("plain", ("labels",), ["1", "1"])

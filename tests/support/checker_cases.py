@@ -282,6 +282,12 @@ def _bent_claims() -> Iterator[Case]:
     yield bent("given", ("observer", {"source": "designed"}))
     yield bent("designed", ("observer", {"source": "given"}))
     yield from _forged_pairs()
+    # Lambda <= -2 by the vector (1, 1), and S = 25 of P = 1/100.
+    listed = {"P": [["1/100"]], "Q": [["1/50"]], "S": [["25"]], "bound": "-25"}
+    pair = {"verdict": "proved", "exact": listed, "margin": 0, "rate": None, "witness": GONE}
+    vector = ("lemma1", {"exact": {"v": _doubles(1, 1)}})
+    yield bent("small P", vector, code=HOLDS, what="lemma1: its vector")
+    yield bent("small P", vector, ("theorem1-printed", pair), what="a pair with too large an S beside a vector")
     # Refutations.
     for changes in (
         *({"rate": 1}, {"margin": 0.5}, {"witness": GONE}, {"exact": GONE}, {"exact": {"unstable_roots": "1"}}),

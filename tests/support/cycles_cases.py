@@ -51,6 +51,8 @@ def _settings() -> dict[str, tuple[Document, Document]]:
         "curved": (CHAIN | {"coupling": PAPER}, TURNS),
         "curved, observed": (CHAIN | WATCHED | {"coupling": PAPER}, TURNS),
         "sine": (CHAIN | {"coupling": "sin(y)"}, TURNS),
+        "chain, uneven": (CHAIN, UNEVEN | {"schedule": [[0, "A"], [1, "B"]], "period": "5/2"}),
+        "soft": (PAIR | {"coupling": "y - 2*y**3/25"}, DWELL),
         "flat": (CHAIN | {"coupling": "y**3"}, TURNS),
         "unused": (CHAIN | {"coupling": "-y", "exceptions": {(1, 0): "y", (2, 1): "y"}}, TURNS),
         "three": (CHAIN | {"network": THREE}, DWELL | {"longest": 2}),
@@ -161,6 +163,15 @@ def _good() -> Iterator[Case]:
     for name in ("chain", "chain, listed", "chain, in rounds", "chain, by period", "chain, every mode"):
         yield _case(name, HOLDS, CHAINED, "true")
     yield _case("chain", HOLDS, moved(CHAINED, 0, 1, 0, "0.5001"), "agent 1 slower")
+    slower = retimed(CHAINED, ["0", "3/2"], B_STARTS, B_ENDS, p=1, rate=0.113)
+    slower["rate"] = 0.113
+    slower["exact"]["rate"] = "0.113"
+    yield _case("chain, uneven", HOLDS, slower, "true")
+    # h = y - 2 y^3/25 rises on |y| <= 2.04 only.  At first v_2 falls at 0.88: for s <= 9/10 sup h is h(-0.9) = -0.8417,
+    # for s = 1 it is h(-3) = -0.84.
+    fast = phase(["0", "1/10", "1"], ["1", "2"], ["19/20", "239/125"], ["1/2", "7/5"])
+    yield _case("soft", HOLDS, schedule(box(0.9), 0.35, "9/10", fast, fast), "below where h falls")
+    yield _case("soft", FAILS, schedule(box(1), 0.35, "1", fast, fast), "h falls there")
     yield from _in_coordinates()
     yield _case(
         "chain",

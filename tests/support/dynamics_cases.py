@@ -22,7 +22,7 @@ from certified import consensus_claims
 from checker_cases import FAILS, GONE, HOLDS, UNREADABLE, Case, Document, about, bend, network, scalar
 from region_cases import claim, second_box
 
-from dobc_design import Exosystem, Observer, Problem
+from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
@@ -70,6 +70,10 @@ def problems() -> dict[str, Problem]:
     return {
         "line": line(),
         "two modes": line(network=BOTH),
+        "comes and goes": line(
+            network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2, "1/4"]], agents=2)
+        ),
+        "two inputs a unit": alone("1/2", "-y", 1).replace(dynamics=Dynamics(A=[["1/2"]], B=[[2]])),
         "seen": line(**watched),
         "seen by both": line(exosystem=scalar(0), observer=Observer(W=[["1/2", 2]])),
         "seen slowly": line(exosystem=scalar(0), observer=Observer(W=[["1/9"]])),
@@ -177,6 +181,11 @@ def dynamics_cases() -> list[Case]:
         ("no network of integrators", alike(w={"G": ["1"] * 4}, D=["1"] * 4), FAILS),
     ]
     found = [case(name, "line", check, code) for name, check, code in lines]
+    # With w = (1, 3) N w = (1, 2), and the arc adds 4 g (2 - 3, -1); g = 1/4 leaves 0.
+    for name, w, code in (("by hand", ["8", "17"], HOLDS), ("the arc pulls", ["1", "3"], FAILS)):
+        found.append(case(name, "comes and goes", alike(None, "theorem2-weighted", w={"G": w}), code))
+    # Agent 2 has the slope 2 of B h and no gain: e_2' = (1/2 + 2) e_2, and 3/2 if B is left out.
+    found.append(case("twice h", "two inputs a unit", None, HOLDS))
     found += [
         case("by hand", "two modes", alike(id="theorem2-weighted", w=both), HOLDS),
         case("one mode is missing", "two modes", alike(id="theorem2-weighted", w={"A": V}), FAILS),

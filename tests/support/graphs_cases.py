@@ -139,7 +139,17 @@ def graphs_cases() -> list[Case]:
     return [*_good(), *_bent_means(), *_bent_sure(), *_bent_apart(), *_bent_safety(), *_unstable(), *_bent_problems()]
 
 
+def _factors() -> Iterator[Case]:
+    """P_A = I, and P_B has the eigenvalues 0.9901 and 2.0099: the factor of all pairs is sqrt(2.0300) = 1.42479, that
+    beside P_A alone sqrt(2.0099) = 1.41771."""
+    forms = {"A": [["1", "0"], ["0", "1"]], "B": [["1", "1/10"], ["1/10", "2"]]}
+    for factor, code in ((1.43, HOLDS), (1.42, FAILS)):
+        check = bent(SQUARE, P=forms, rate=0.1, own="1/10") | {"factor": factor}
+        yield _case("link", code, check, f"a factor of {factor}", factor=factor)
+
+
 def _good() -> Iterator[Case]:
+    yield from _factors()
     for name in ("link", "link, observed"):
         yield _case(name, HOLDS, MEAN, "in the mean")
         yield _case(name, HOLDS, SQUARE, "in mean square")

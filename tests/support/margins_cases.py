@@ -78,6 +78,7 @@ def margins_cases() -> list[Case]:
     limited = one(region=REGION, actuators={"limit": 9})
     start = [["1/2", "1/2"]]
     sine = one(**SEEN, **WIDE)
+    led = two(**SEEN, **WIDE, coupling="tanh(y)")  # agent 2 has no gain: its input is the estimate alone
     # What the errors need, and sqrt(1/2) of the sine that starts at (1/2, 1/2): |C xi0|^2 + |C A xi0|^2 / 4.
     beside = Fraction(_inputs(sine)["1"]) - 9
     acts = {"disturbance": "1/10", "drift": "1/10", "measurement": "1/50", "weights": "1/20", "gains": "1/20"}
@@ -103,6 +104,8 @@ def margins_cases() -> list[Case]:
         bent(sine, "actuators", code=HOLDS, table=start, inputs={"1": str(beside + Fraction("0.7072"))}),
         bent(sine, "actuators", table=start, inputs={"1": str(beside + Fraction("0.7"))}),
         bent(sine, "actuators", table=start, inputs={"1": str(beside)}),
+        bent(led, "actuators", code=HOLDS),
+        bent(led, "actuators", inputs=_inputs(led) | {"2": str(Fraction(_inputs(led)["2"]) - Fraction(1, 100))}),
         bent(near, "tolerance", weights="1/20"),
         bent(near, "tolerance", gains="1/20"),
         bent(near, "tolerance", weights="2"),

@@ -88,6 +88,8 @@ def _settings() -> dict[str, Document]:
         "no region": {"coupling": "y", **first},
         "sine": given("sin(y)", **first),
         "bent": given("-abs(y)", gains=5),
+        "pushed away": given("-max(y, 0)", gains="1/10"),
+        "below the target": given("tanh(y)", target=1, region=asked([-5, 0])),
         "loose": given("2*tanh(y)", gains=None),
         "half loose": given("tanh(y)", network=network({"A": [[1, 2]], "B": [[2, 1]]}), gains={1: 1}),
         "matrix": given("tanh(y)", network=LINE_NET, gains=crossed, **plane),
@@ -339,6 +341,13 @@ def _bent_separable() -> Iterator[Case]:
 
 
 def _bent_timing() -> Iterator[Case]:
+    # h' = 1 + exp(y) is the largest at the right end of every slice: at 0.135 the slopes at the left ends would do.
+    held = changed(HELD_PAIR, period="0.135", factor="0.595")
+    yield case("pair", FAILS, PAIR, held, what="held a little too long")
+    # The region [-5, 0] reaches 6 from the target 1.
+    near = changed(PAIR, domain=box(5), rho="5")
+    yield case("below the target", FAILS, near, what="it does not reach the far end")
+    yield case("below the target", HOLDS, changed(near, domain=box(6), rho="6"), what="it reaches the far end")
     yield from bents("line", LATE, {"delay": "1.6219"}, {"delay": "-1"}, {"delay": "1e9"}, beside=[LINE])
     rates = ({"rate": rate} for rate in (0.251, 0, None))
     yield from bents("line", LATE, *rates, {"domain": box(1)}, beside=[LINE])
@@ -369,6 +378,10 @@ def _gains(gains: Any, coupling: int = 0) -> list[Document]:
 
 
 def _bent_lure() -> Iterator[Case]:
+    # The gains are in [-1, 0], and an agent alone decays at 1/10.
+    alone = changed(CUBIC, rate=None, ranges=_gains([[["-1", "0"]]]), multipliers={"G": []})
+    alone["exact"]["rate"] = "1/20"
+    yield case("pushed away", FAILS, alone, what="a gain that is 0 at most is left out")
     yield from bents("cubic", CUBIC, {"domain": ball(0.70711)}, {"level": "0.5001"}, {"radius": "0.9999"})
     yield from bents("cubic", CUBIC, {"radius": "-1"}, {"level": None}, {"level": None, "domain": GLOBAL})
     free = {"level": None, "radius": None, "rate": "0", "method": "vertices", "multipliers": {}}

@@ -8,7 +8,7 @@ from certified import consensus_claims
 from checker_cases import FAILS, HOLDS, Case, Document, bend, network, scalar
 from region_cases import claim
 
-from dobc_design import Exosystem, Observer, Problem
+from dobc_design import Exosystem, Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes
 
@@ -62,6 +62,7 @@ def problems() -> dict[str, Problem]:
         "bad W": line(**WATCHED | {"observer": Observer(W=[[-1]])}),
         "harmonic": line(**HARMONIC),
         "irrational": line("exp(1)*y"),
+        "comes and goes": line(network=Network.from_arcs([[2, 1]], arrow="listens_to", optional=[[1, 2]], agents=2)),
     }
 
 
@@ -112,6 +113,10 @@ def weighted_cases() -> list[Case]:
         ("for several modes", weighted(id="theorem2-weighted"), FAILS),
     ]
     found = [case(name, "line", check, code) for name, check, code in lines]
+    # With D = (1/2, 1) N w = (w_1 - w_2, 2 w_2 - w_1), and the arc adds (w_1 - w_2/2, -w_1/2) or nothing.
+    for name, w, code in (("by hand", ["5", "4"], HOLDS), ("the arc is not always there", ["1", "1"], FAILS)):
+        check = weighted(None, "theorem2-weighted", D=["1/2", "1"], w={"G": w})
+        found.append(case(name, "comes and goes", check, code))
     found += [
         case(name, "two modes", weighted(**second | more), code)
         for name, more, code in (

@@ -121,8 +121,12 @@ class Dynamics(Shown):
             _check_slopes(self, goal)  # says it of f as it is written
             raise
         slopes = whole.jacobian_at_zero()
-        if whole.nonsmooth or not all(x.is_point for row in slopes for x in row):
-            raise wrong("dynamics.f", "must be smooth, with rational slopes at the target.", "Write it another way.")
+        bad = [any(name in text for name in whole.nonsmooth) for text in self.f or ()]
+        bad = [kinked or not all(x.is_point for x in row) for kinked, row in zip(bad, slopes, strict=True)]
+        if whole.nonsmooth or any(bad):
+            place = bad.index(True) if any(bad) else 0
+            what = f"{excerpt((self.f or ())[place])} must be smooth, with rational slopes at the target."
+            raise wrong(f"dynamics.f[{place}]", what, "Write it another way.")
         return tuple(tuple(x.lo for x in row) for row in slopes), None if whole.is_linear else whole
 
     def feedforward(self, goal: Vector) -> Vector | None:
@@ -163,7 +167,7 @@ def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
             evaluate(expression.node, algebra.variables(near), algebra)
         except UndefinedError as error:
             names = "x" if dynamics.dimension == 1 else "(" + ", ".join(_variables(dynamics.dimension)) + ")"
-            at = number_text(goal[0]) if len(goal) == 1 else f"({', '.join(map(number_text, goal))})"
+            at = number_text(goal[0]) if len(goal) == 1 else f"({_listed(goal)})"
             what = (
                 f"{excerpt((dynamics.f or ())[place])} must be defined and have a bounded slope around the target,"
                 f" {names} = {at} (as far as 2^-40 from it): {error}"
@@ -174,12 +178,18 @@ def _check_slopes(dynamics: Dynamics, goal: Vector) -> None:
 
 def check_goal(dynamics: Dynamics, goal: Vector, *, key: str) -> None:
     """Refuse a goal that no constant input holds.  Raises: SpecError that names the nearest one that some does."""
+    for place, expression in enumerate(expressions_of(dynamics)):
+        try:
+            evaluate(expression.node, tuple(map(Interval.point, goal)), IntervalAlgebra())
+        except UndefinedError as error:
+            what = f"{excerpt((dynamics.f or ())[place])} is not defined at the goal [{_listed(goal)}]: {error}"
+            raise wrong(f"dynamics.f[{place}]", what, "Move the target to where f is defined.") from error
     if dynamics.feedforward(goal) is None:
         near = dynamics.nearest_goal(goal)
         drift = "f(x)" if near is None else "A x"
         what = f"must be an equilibrium, {drift} + B u0 = 0 for some constant input u0; it is not."
         cure = "Choose one where f(x) is rational and in the range of B."
-        raise wrong(key, what, cure if near is None else f"The nearest one is [{', '.join(map(number_text, near))}].")
+        raise wrong(key, what, cure if near is None else f"The nearest one is [{_listed(near)}].")
 
 
 def _read_nodes(f: Any) -> tuple[str, ...]:
@@ -223,6 +233,10 @@ def _at(expression: Expression, goal: Vector) -> Fraction | None:
     except UndefinedError:
         return None
     return value.lo if value.is_point else None
+
+
+def _listed(goal: Vector) -> str:
+    return ", ".join(map(number_text, goal))
 
 
 def _column(v: Vector) -> Matrix:

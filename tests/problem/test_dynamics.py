@@ -155,6 +155,13 @@ def test_an_f_without_slopes_at_the_target_is_named_as_it_is_written():
         ExpressionError, match=r'dynamics.f\[1\] "sqrt\(x1\)" .* around the target, \(x1, x2\) = \(0, 0\)'
     ):
         agents(dynamics={"f": ["x2", "sqrt(x1)"], "B": [[0], [1]]}, target=[0, 0])
+    for f, said in (
+        ("1/x1", r'dynamics.f\[1\] "1/x1" is not defined at the goal \[0, 0\]'),
+        ("abs(x1)", r'dynamics.f\[1\] "abs\(x1\)" must be smooth'),
+        ("sin(x1)*exp(1)", r'dynamics.f\[1\] "sin\(x1\)\*exp\(1\)" must be smooth, with rational slopes'),
+    ):
+        with pytest.raises(SpecError, match=said):
+            agents(dynamics={"f": ["x2", f], "B": [[0], [1]]}, target=[0, 0])
 
 
 def test_mistakes_of_a_file_name_its_key(tmp_path):

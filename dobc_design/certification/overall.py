@@ -89,7 +89,7 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
         reason += f", with {table_words(problem, carrier.id)}"
     if stated.limit:
         reason += f", and no input exceeds {table_words(problem, LIMIT)}"
-    reason += f".{_local_words(best)}{_moving_words(problem, checks, best)}"
+    reason += f".{_local_words(carrier)}{_moving_words(problem, checks, best)}"
     return Overall(
         verdict=Verdict.PROVED, rate=carrier.rate, factor=carrier.factor, covered_by=carrier.id, reason=reason
     )

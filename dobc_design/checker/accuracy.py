@@ -22,6 +22,10 @@ from .reading import an_object, index, matrix, maybe, need, rational, read, weig
 from .separable import Curve, Row, composite, curved_row, holds_box, linear_row, secants, starts, tables
 
 STAGES, AGENTS, STEPS, GROWTH = 30, 500, 20_000, 2000
+#: The plant of a file without `uncertainty`.
+EXACT = SimpleNamespace(
+    **dict.fromkeys(("weights", "gains", "disturbance", "drift", "measurement"), ZERO), known_to_agents=True
+)
 
 
 def accuracy(case: Certificate, check: Any) -> None:
@@ -89,7 +93,7 @@ def shrinks(p: Problem, stage: Any, peaks: Any) -> list[tuple[Fraction, Fraction
     """Both faces of all rows of a stage, with what acts on each agent, on [level, rho]: each weight and gain at its
     worse end. What an observer passes on it may have seen in any mode. Returned: what of this the input of every agent
     adds, a part of N and a number."""
-    plant, (v, bottom) = p.uncertainty, integers(stage.v)
+    plant, (v, bottom) = p.uncertainty or EXACT, integers(stage.v)
     off, noise = 1 + plant.weights, 2 * plant.measurement
     unknown = ZERO if plant.known_to_agents else plant.weights * peaks.disturbance
     everywhere = plant.disturbance * peaks.disturbance + plant.drift * peaks.drift + noise / 2 * peaks.measurement

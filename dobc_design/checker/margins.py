@@ -55,11 +55,12 @@ def actuators(case: Certificate, check: Any) -> None:
     starts(case, check.domain, "box")
     acts = plant is not None and (plant.disturbance or plant.measurement or (plant.drift and p.q))
     shape: dict[str, Any] = {"rho": rational, "inputs": an_object}
-    if acts:
+    own_box = acts or "v" in an_object(check.exact)
+    if own_box:
         shape |= {"v": partial(weights, p.n), "alpha": rational, "level": rational} | observed(p)
     exact = read(check.exact, shape)
-    if acts:
-        added, claim = loaded(case, check, exact), exact
+    if own_box:
+        added, claim = loaded(case, check, exact, bool(acts)), exact
     else:
         proofs = [each for each in case.checks if (each.id, each.verdict) == ("max-separable", "proved")]
         need(bool(proofs), "there is no proof")
@@ -68,7 +69,7 @@ def actuators(case: Certificate, check: Any) -> None:
         holds_box(claim, check.domain, exact.rho)
     need(set(exact.inputs) == set(p.labels), "there is not one input for each agent")
     more = 1 + (plant.gains if plant else 0)
-    unknown = plant is not None and not plant.known_to_agents and not acts
+    unknown = plant is not None and not plant.known_to_agents and not own_box
     first = root(claim.size * check.domain.disturbance**2) if p.q and check.domain.disturbance else ZERO
     for i, label in enumerate(p.labels):
         k = more * max((sum(map(abs, row)) for row in p.gains.get(i, [])), default=ZERO) * claim.v[i]
@@ -80,13 +81,15 @@ def actuators(case: Certificate, check: Any) -> None:
         need(most <= p.actuators.limit.get(i, most), f"the input of agent {label} may exceed its limit")
 
 
-def loaded(case: Certificate, check: Any, claim: Any) -> list[tuple[Fraction, Fraction]]:
+def loaded(case: Certificate, check: Any, claim: Any, acts: bool) -> list[tuple[Fraction, Fraction]]:
     """No start leaves {V <= rho} under everything in `uncertainty`; what it adds to every input: a part of rho, and a
-    number. The peak gains are those of the accuracy beside."""
+    number. The peak gains are those of the accuracy beside, where something acts."""
     p, found = case.problem, [each for each in case.checks if (each.id, each.verdict) == ("accuracy", "proved")]
-    need(bool(found), "there is no proof of accuracy")
+    need(bool(found) or not acts, "there is no proof of accuracy")
+    blind = p.q > 0 and p.uncertainty is not None and p.uncertainty.weights > 0 and not p.uncertainty.known_to_agents
+    need(acts or not blind, "errors of the weights act on the estimates")
     names = ("disturbance", "drift", "measurement")
-    given = an_object(found[0].exact).get("peaks") if p.q else dict.fromkeys(names, "0")
+    given = an_object(found[0].exact).get("peaks") if p.q and acts else dict.fromkeys(names, "0")
     peaks = SimpleNamespace(**{name: rational(an_object(given).get(name)) for name in names})
     need(claim.alpha > 0 and claim.level > 0, "a number of the box is not positive")
     need(p.q == 0 or claim.kappa * claim.beta * min(claim.v) > 1, "kappa is too small")

@@ -3,8 +3,8 @@
 The verdict is about the plant that the file states.  A limit is answered by a proved ``actuators``, relative errors of
 weights and gains by ``tolerance``, and a disturbance, drift or noise that no exosystem generates by ``accuracy``, each
 for all starts that are asked for.  Separate checks prove nothing together: accuracy has the errors of weights and gains
-in its rows, and actuators bounds the inputs under all that is stated, where it is errors alone in the box whose rows
-``tolerance`` has proved.
+in its rows, and actuators bounds the inputs under all that is stated: in a box of its own, or where errors are all, in
+that of max-separable, whose rows ``tolerance`` has proved.
 """
 
 from __future__ import annotations
@@ -78,14 +78,15 @@ def gaps(problem: Problem, checks: Sequence[Check]) -> Iterator[Gap]:
         if answer_of(problem, checks, id) is None:
             found = next((check for check in checks if check.id == id), None)
             yield Gap(id=id, table=table_words(problem, id), reason=_why(problem, found), cure=_cure(problem, id))
-        elif id == LIMIT and stated.relative and not stated.absolute and _is_at_target(checks):
+        elif id == LIMIT and stated.relative and not stated.absolute and _are_apart(checks):
             reason = "errors of weights and gains are counted at the target, and inputs in a box."
             yield Gap(id=id, table=table_words(problem, id), reason=reason, cure=_cure(problem, id))
 
 
-def _is_at_target(checks: Sequence[Check]) -> bool:
-    """Whether the tolerance has weights of its own: inputs are bounded in the box of max-separable."""
-    return any("v" in (check.exact or {}) for check in checks if check.id == TOLERANCE)
+def _are_apart(checks: Sequence[Check]) -> bool:
+    """Whether the tolerance has weights of its own, and the inputs are bounded in the box of max-separable."""
+    own = {check.id: "v" in (check.exact or {}) for check in checks if check.id in (TOLERANCE, LIMIT)}
+    return own.get(TOLERANCE, False) and not own.get(LIMIT, False)
 
 
 _CURES = {

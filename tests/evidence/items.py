@@ -26,6 +26,7 @@ from evidence import (
     same_bytes,
     schedules,
     simulations,
+    stated,
     sweeps,
 )
 from evidence.row import Row
@@ -61,6 +62,8 @@ ITEMS = (
     Item(name="accuracy", run=accuracy.run, count=100, seed=0, share=100),
     Item(name="tolerances", run=margins.tolerances, count=1000, seed=12_000),
     Item(name="inputs", run=margins.inputs, count=10_000, seed=12_000),
+    Item(name="stated-broken", run=stated.not_kept, count=60, seed=0, share=10),
+    Item(name="stated-kept", run=stated.kept_ones, count=40, seed=0, share=10),
     Item(name="kills", run=robustness.kills, count=200, seed=8000, share=0),  # CI kills writers, and interrupts
     Item(name="writers", run=robustness.writers, count=200, seed=8000, share=20),
     Item(name="interrupts", run=robustness.interrupts, count=30, seed=8000, share=0),  # slow tests interrupt 4 times

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from dobc_design import Check, Network, Problem, load_problem
 from dobc_design.conditions.coverage import read_region
-from dobc_design.conditions.margins.stage import margins_stage
+from dobc_design.conditions.margins.stage import inputs_stage, margins_stage
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.separable.stage import separable_stage
 
@@ -62,7 +62,8 @@ def inputs(count: int, seed: int) -> Row:
     e = rho * split * v * rng.choice((-1, 1), size=(count, n))
     away = rng.normal(size=(count, n, 2))
     norms = np.sqrt(np.einsum("rni,ij,rnj->rn", away, P, away))[..., None]
-    eps = (rho * (1 - split) / kappa)[..., None] * away / norms
+    first = float(checks["actuators"].domain["disturbance"]) * float(base.error.size) ** 0.5  # E at the start, at most
+    eps = np.minimum(rho * (1 - split) / kappa, first)[..., None] * away / norms
     xi0, most = np.array([float(x) for x in problem.simulation.xi0[0]]), np.zeros(n)
 
     def field(e: Array, eps: Array) -> tuple[Array, Array]:
@@ -89,7 +90,9 @@ def inputs(count: int, seed: int) -> Row:
 def _checks(problem: Problem) -> dict[str, Check]:
     asked = read_region(problem, observer_gain(problem), domain="consensus", everything=True)
     checks = separable_stage(asked, lambda stage: None)
-    return {check.id: check for check in [*checks, *margins_stage(asked, checks, lambda stage: None)] if check.claim}
+    checks += margins_stage(asked, checks, lambda stage: None)
+    checks += inputs_stage(asked, checks, lambda stage: None)
+    return {check.id: check for check in checks if check.claim}
 
 
 def _problem(seed: int, h: str) -> Problem:

@@ -21,7 +21,7 @@ from checker_cases import FAILS, HOLDS, Case, Document, scalar
 from margins_cases import REGION, SEEN, one, two
 from region_cases import GLOBAL, box, claim
 
-from dobc_design import Observer, Problem
+from dobc_design import Network, Observer, Problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.problem.canonical import canonical_bytes, problem_from_canonical
 from dobc_design.problem.dynamics import Dynamics
@@ -65,6 +65,14 @@ UNIT = [["1", "0"], ["0", "1"]]
 # and 2 level has to be as large.
 HARMONIC = peaks("1.3389", "0.7098", "7.6441", steps=150)
 SHARP = accuracy(GLOBAL, ["0.2412"], stage("1", level="0.2412", alpha="1"), **HARMONIC)
+# k = 3, noise 1/50, weights and gains off by 1/100, agent 2 hears 1 with w = 10 in mode A and nobody in B, and v =
+# (1/2, 1). An observer has seen 2/50 10 1.01 1.0019 in mode A, which acts in B, too: (3.03 + 4.0037)/50 + 0.40477 =
+# 0.54545, and 2.97 level has to be as large: 0.18366.
+HELD = peaks("1.0019", "0.501", "4.0037", steps=100)
+SWITCHED = accuracy(GLOBAL, ["0.0925", "0.185"], stage("1/2", "1", level="0.185", alpha="1/1000"), **HELD)
+# Agent 2 hears 1 with w = 1, off by 1/10, k = 3, v = (1, 1): 0.20019 acts, and the observer adds 1.0019/10 2 s:
+# (3 - 0.20038) s >= 0.20019 from 0.07151 on; it would be 0.06673 if it knew.
+UNKNOWN = accuracy(GLOBAL, ["0.0716", "0.0716"], stage("1", "1", level="0.0716", alpha="1/1000"), **HELD)
 # kappa (beta - 0) v > 1, and 1 + 3/5 1/10 <= rho.  0.38541 + 0.12 * 0.225 <= tanh(0.45) = 0.42190.
 PART = {"P": [["1"]], "beta": "2", "kappa": "3/5", "size": "1"} | peaks("1.0019", "0.501", "4.0037", steps=100)
 BOTH = accuracy(box(1, 0.1), ["0.225", "0.675"], stage("1", "3", level="0.225", alpha="1/25", rho="1.06"), **PART)
@@ -107,6 +115,18 @@ def scaled(factor: str, *path: Any) -> Change:
     return put(lambda number: str(Fraction(factor) * Fraction(number)), *path)
 
 
+def _level(level: str) -> list[Change]:
+    """Another level of a claim with one stage for two agents, with its bounds."""
+
+    def change(check: Any, _: Any) -> None:
+        stage = check["exact"]["stages"][0]
+        stage["level"] = level
+        ends = (str(Fraction(level) * Fraction(x)) for x in stage["v"])
+        check["exact"]["bounds"] = dict(zip(("1", "2"), ends, strict=True))
+
+    return [change]
+
+
 def _at(level: str) -> list[Change]:
     """Another level of ``PASSED_ON``, with its bounds."""
     bounds = {"1": str(Fraction(level) / 2), "2": level}
@@ -129,7 +149,13 @@ def accuracy_cases() -> list[Case]:
     loose = [scaled("1000", *path) for path in far] + [scaled("100", "exact", "peaks", x) for x in PEAKS]
     sharp = put("sqrt(y + 1) - 1", "coupling", "h", of="problem")
     beyond = [put("1/2", "exact", "stages", 1, "level"), put({"1": "1/2", "2": "3/2"}, "exact", "bounds")]
+    modes = Network.from_arcs({"A": [[2, 1, 10]], "B": []}, arrow="listens_to", agents=2)
+    noise = {"measurement": "1/50", "weights": "1/100", "gains": "1/100"}
+    switching = one(network=modes, coupling="y", gains=3, uncertainty=noise, **WATCHED), SWITCHED
+    unsure = {"disturbance": "1/10", "weights": "1/10", "known_to_agents": False}
+    unknown = two(coupling="y", gains=3, uncertainty=unsure, **WATCHED), UNKNOWN
     return [
+        *(bent(*each, f"good with errors {k}", code=HOLDS) for k, each in enumerate((switching, unknown))),
         *(bent(*each, f"good {k}", code=HOLDS) for k, each in enumerate((lone, curved, seen, both, steep, turned))),
         bent(*seen, "loose", *loose, code=HOLDS),
         *(bent(*seen, f"smaller peak gain of {x}", scaled("0.999", "exact", "peaks", x)) for x in PEAKS),
@@ -161,6 +187,11 @@ def accuracy_cases() -> list[Case]:
         bent(*steep, "half of the noise of an arc", *_at("3/10")),
         bent(two(**TWICE), by_component, "dynamics by component"),
         bent(two(**MIXED), wider, "a list by component"),
+        bent(*switching, "what was seen in another mode", *_level("0.15")),
+        bent(*switching, "off by more", put("1/3", "uncertainty", "weights", of="problem")),
+        bent(*switching, "gains off by more", put("1/2", "uncertainty", "gains", of="problem")),
+        bent(*unknown, "observers that know", put(True, "uncertainty", "known_to_agents", of="problem"), code=HOLDS),
+        bent(*unknown, "what blind observers pass on", *_level("0.0714")),
         bent(*turned, "noise in coordinates", put("1", "uncertainty", "measurement", of="problem")),
         *(bent(*turned, f"{x} in coordinates", put("1/100", "uncertainty", x, of="problem")) for x in RELATIVE),
     ]

@@ -66,6 +66,18 @@ def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, wit
     return Case(f"margins {id} {sorted(changes)} {table} {without}", json.dumps(claims).encode(), data, code)
 
 
+def blindfolded(problem: Problem) -> Case:
+    """The same inputs, but of observers that do not know the weights; without the tolerance, which would fail, too."""
+    document, claims = map(json.loads, _made(problem))
+    document["uncertainty"]["known_to_agents"] = False
+    claims["checks"] = [each for each in claims["checks"] if each["id"] != "tolerance"]
+    claims |= {"verdict": "undecided", "rate": None, "factor": None, "covered_by": None}
+    text = json.dumps(document, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    data = f"{text}\n".encode()
+    claims["problem_sha256"] = hashlib.sha256(data).hexdigest()
+    return Case("margins of blind observers", json.dumps(claims).encode(), data, FAILS)
+
+
 @cache
 def margins_cases() -> list[Case]:
     """All of them, the good ones first."""
@@ -86,7 +98,14 @@ def margins_cases() -> list[Case]:
     straight = heavy.replace(coupling="y")
     drifts = one(**SEEN, **WIDE, uncertainty=acts)
     blind = two(**fast, coupling="y + y**3/9", uncertainty=acts | {"known_to_agents": False}, **WIDE)
+    ring = Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
+    near = WIDE["region"] | {"initial_disturbance": "1/2"}
+    tight = {"network": ring, "coupling": "y + y**3/9", "gains": {1: 3, 2: 2}, "uncertainty": {"weights": "1/100"}}
+    own_box = one(**fast | tight, region=near, actuators={"limit": 8, "amplitude": 2})
     return [
+        bent(own_box, "actuators", code=HOLDS),
+        bent(own_box, "actuators", v=["1", "2", "1"]),
+        blindfolded(own_box),
         *(bent(each, "actuators", code=HOLDS) for each in (heavy, straight, drifts, blind)),
         *(bent(each, "accuracy", code=HOLDS) for each in (heavy, straight, drifts, blind)),
         bent(heavy, "actuators", without="accuracy"),

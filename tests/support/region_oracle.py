@@ -323,26 +323,35 @@ class Regions:
         return Fraction(float(norm * most))
 
     def _inputs(self, check: dict[str, Any], base: dict[str, Any], domain: str) -> list[str]:
-        """u_i = -K_i e_i - d_i + C eps_i on {N + kappa E <= rho}, with the largest disturbance that is given."""
-        e, table = check["exact"], self.document["actuators"]
-        v, rho, off = (
-            self.vector(base["v"]),
-            exact(e["rho"]),
-            exact((self.document.get("uncertainty") or {}).get("gains") or 0),
-        )
+        """u_i = -K_i e_i - d_i + C eps_i on {N + kappa E <= rho}, with E at most its start, unless errors of weights
+        act on it, and with the largest disturbance that is given.  A box of its own is not judged here."""
+        e, table, plant = check["exact"], self.document["actuators"], self.document.get("uncertainty") or {}
+        if "v" in e:
+            return []
+        v, rho, off = self.vector(base["v"]), exact(e["rho"]), exact(plant.get("gains") or 0)
         _, wrong = self._holding({**base, "rho": e["rho"]}, check["domain"], domain)
         if wrong or check["rate"] is not None or rho > exact(base["rho"] or rho) or table["amplitude"] is None:
             return wrong or ["rate, rho or amplitude"]
         for i, label in enumerate(self.document["labels"]):
-            gain = max((sum(map(abs, row)) for row in self.gains.get(i, [[0]])), default=0) * (1 + off)
-            noise = 0 if self.A is None else 1 / exact(base["kappa"])
+            size = v[i] * max((sum(map(abs, row)) for row in self.gains.get(i, [[0]])), default=0) * (1 + off)
             limit = table["limit"] if not isinstance(table["limit"], dict) else table["limit"].get(label)
             most = exact(e["inputs"][label])
-            if most < max(gain * v[i], noise) * rho + exact(table["amplitude"]) or (
-                limit is not None and most > exact(limit)
-            ):
+            left = most - size * rho - exact(table["amplitude"])
+            above = limit is not None and most > exact(limit)
+            if above or not self._has_room(left, size, rho, base, check["domain"], plant.get("known_to_agents", True)):
                 return [f"the input of agent {label}"]
         return []
+
+    def _has_room(
+        self, left: Fraction, size: Fraction, rho: Fraction, base: dict[str, Any], box: Any, known: bool
+    ) -> bool:
+        """Whether ``left`` holds (1 - kappa |k| v) E0, E0 = s sqrt(size), or rho/kappa."""
+        if left < 0 or self.A is None:
+            return left >= 0
+        part = max(Fraction(0), 1 - exact(base["kappa"]) * size)
+        if not known:
+            return bool(left >= part * rho / exact(base["kappa"]))
+        return bool(left**2 >= part**2 * Fraction(repr(box["disturbance"])) ** 2 * exact(base["size"]))
 
     def _stuck(self, check: dict[str, Any]) -> list[str]:
         group = {self.document["labels"].index(label) for label in check["witness"].get("labels") or []}

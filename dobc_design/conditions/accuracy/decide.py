@@ -265,9 +265,7 @@ class Load:
 def loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Iterator[Load]:
     """Every row of a stage with what acts besides.  What an observer passes on it has seen in any mode, so that there
     the largest over the modes counts.  Raises: UndefinedError where a slope has no bound as far out."""
-    plant = problem.uncertainty
-    if plant is None:
-        return
+    plant = problem.uncertainty or Uncertainty()
     errors, nubar = stated_errors(problem), plant.measurement
     curves = coupling_profiles(problem, stage.v, rho=stage.rho)
     passed = Fraction(0) if peaks is None else peaks.disturbance

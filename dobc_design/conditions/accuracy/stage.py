@@ -31,7 +31,6 @@ from dobc_design.conditions.coverage import Progress, read_region
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.separable.claim import (
-    FACES,
     ErrorBound,
     Separable,
     acts_by_component,
@@ -39,8 +38,7 @@ from dobc_design.conditions.separable.claim import (
     stated_errors,
 )
 from dobc_design.conditions.separable.coordinates import enclosed_ranges, slowest_row
-from dobc_design.conditions.separable.decide import coupling_profiles, linear_bound
-from dobc_design.conditions.separable.propose import field_of, least_solution, solved
+from dobc_design.conditions.separable.propose import field_of, least_solution, linear_rate, solved
 from dobc_design.conditions.separable.propose_coordinates import Agents, Gains, candidates, in_floats
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
 from dobc_design.conditions.separable.stage import largest_claim, separable_stage
@@ -169,15 +167,21 @@ def _pulls(problem: Problem, peaks: Peaks | None, reach: float) -> Any:
 
 
 def covering_boxes(
-    problem: Problem, peaks: Peaks | None, error: ErrorBound | None, starts: tuple[Fraction, Fraction]
+    problem: Problem,
+    peaks: Peaks | None,
+    error: ErrorBound | None,
+    starts: tuple[Fraction, Fraction],
+    *,
+    slowly: float = 0.0,
 ) -> Iterator[tuple[Level, ErrorBound | None]]:
     """First stages that hold these starts, |e_i| <= R and |eps_i| <= s: the least v >= 1 whose rows hold from a part of
-    rho on although b_i acts on them."""
+    rho on although b_i acts on them; ``slowly``: at that part of the rate that linear couplings would have."""
     radius, disturbance = starts
     if error is not None:
         error = replace(error, kappa=rounded_up(1 / error.beta * NEARLY, digits=9))
     rho = radius_needed(radius, error, disturbance)
-    for part in FROM:
+    inside = float(radius / rho)  # starts may be as near as that, with their errors of estimates beside
+    for part in sorted({min(part, inside) for part in FROM}, reverse=True):
         v: Vector = (Fraction(1),) * problem.n
         with surviving("no box that holds the starts", UndefinedError), np.errstate(all="ignore"):
             for _ in range(2):  # with noise, what acts depends on how far v reaches
@@ -186,12 +190,15 @@ def covering_boxes(
                 grid = float(rho) * np.linspace(part, 1, POINTS)
                 extra = _pulls(problem, peaks, float(rho) * float(max(v)))
                 field = replace(field, grid=grid, load=b * TIGHTER / (part * float(rho)), extra=extra)
-                found = least_solution(field, alpha=0.0, start=np.ones(problem.n))
+                rate = slowly * max(0.0, linear_rate(replace(field, load=0.0))) if slowly else 0.0
+                found = least_solution(field, alpha=rate, start=np.ones(problem.n))
                 if found is None:
                     break
                 v = tuple(rounded_up(Fraction(x), digits=V_DIGITS) for x in found.tolist())
             else:
-                yield Level(v=v, alpha=SLOW, level=rho * claimed(part), rho=rho), error
+                alpha = rounded_down(Fraction(rate) / 2, digits=3) or SLOW
+                level = min(radius, rounded_down(rho * Fraction(part), digits=9))
+                yield Level(v=v, alpha=alpha, level=level, rho=rho), error
 
 
 def _loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Array:
@@ -219,20 +226,6 @@ def _lowest(problem: Problem, peaks: Peaks | None, stage: Level) -> Level | None
         else:
             low = at
     return None if found is None else replace(found, level=found.level * (1 + ABOVE))
-
-
-def lowest_level(problem: Problem, peaks: Peaks | None, v: Vector) -> Level | None:
-    """For linear couplings the lowest level of these weights, about; None if their rows do not hold."""
-    one = Level(v=v, alpha=SLOW, level=Fraction(1), rho=None)
-    profiles, level = coupling_profiles(problem, v, rho=None), Fraction(0)
-    for load in loads(problem, peaks, one):
-        row = load.held
-        room = row.gain * row.own - max(linear_bound(row, face, profiles) for face in FACES)
-        if room <= 0:
-            return None
-        level = max(level, load.constant / room)
-    found = _with_rate(problem, peaks, replace(one, level=rounded_up(level * (1 + ABOVE), digits=9)))
-    return found if _holds(problem, peaks, found) else None
 
 
 def _with_rate(problem: Problem, peaks: Peaks | None, stage: Level) -> Level:

@@ -12,7 +12,8 @@ Actuators.  u_i = -k_i e_i - d_i + C eps_i, so that on {N + kappa E <= rho}, whe
 |u_ic| is at most rho |k_i|_1 v_i + max(0, 1 - kappa |k_i|_1 v_i) E0 + max |d_i|, where |k_i|_1 is the largest row sum
 of sizes with the errors of gains (and E0 is rho/kappa where errors of the weights act on eps).  What [uncertainty]
 states of disturbance, drift and noise acts on everything: then a stage of ``accuracy`` that holds the starts is
-claimed, with all errors and inputs in its rows, and to |u_ic| comes what these add by measurements and estimates.
+claimed, with all errors and inputs in its rows, and to |u_ic| comes what these add by measurements and estimates.  Such
+a box of its own may stand there without them, too.
 """
 
 from __future__ import annotations
@@ -70,8 +71,8 @@ class Tolerance:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Inputs:
     """On {V <= rho}, which holds all starts of the check, every component of u_i is at most ``inputs[label]``.
-    ``stage``: under a disturbance, drift or noise of [uncertainty] the box that is not left, with ``error``, the
-    observer's part of its V."""
+    ``stage``: a box of its own that is not left, with ``error``, the observer's part of its V, which it has under a
+    disturbance, drift or noise of [uncertainty]; None: that of max-separable."""
 
     rho: Fraction
     inputs: Mapping[str, Fraction]
@@ -104,13 +105,13 @@ def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Claim:
 
 def _read_inputs(check: Check, problem: Problem) -> Inputs:
     """What a proved check of inputs claims."""
-    under_load = stated_in(problem).absolute
-    own = ("v", "alpha", "level", *observed_in(problem)) if under_load else ()
+    has_own_box = stated_in(problem).absolute or "v" in (check.exact or {})
+    own = ("v", "alpha", "level", *observed_in(problem)) if has_own_box else ()
     values = read_object(check.exact, ("rho", "inputs", *own))
     found = read_object(values["inputs"], problem.network.labels)
     inputs = {label: read_rational(found[label]) for label in problem.network.labels}
     rho = read_rational(values["rho"])
-    if not under_load:
+    if not has_own_box:
         return Inputs(rho=rho, inputs=inputs)
     v, alpha, level = vector_from_json(values["v"], problem.n), *map(read_rational, (values["alpha"], values["level"]))
     if min(alpha, level, least(v)) <= 0 or rho < level:
@@ -254,6 +255,12 @@ def _amplitude(exosystem: Exosystem, start: Vector) -> Fraction | None:
     return max(sums)
 
 
+def blind(problem: Problem) -> bool:
+    """Whether errors of the weights act on the estimates."""
+    plant = problem.uncertainty
+    return plant is not None and bool(problem.groups and plant.weights) and not plant.known_to_agents
+
+
 def pin_sizes(problem: Problem) -> tuple[Fraction, ...]:
     """|k_i|_1, the largest row sum of sizes, of each agent, with the errors of gains."""
     more = 1 + (problem.uncertainty.gains if problem.uncertainty is not None else _ZERO)
@@ -262,13 +269,18 @@ def pin_sizes(problem: Problem) -> tuple[Fraction, ...]:
 
 
 def input_parts(
-    problem: Problem, v: Sequence[Fraction], error: ErrorBound | None, disturbance: Fraction
+    problem: Problem,
+    v: Sequence[Fraction],
+    error: ErrorBound | None,
+    disturbance: Fraction,
+    *,
+    own_box: bool = False,
 ) -> tuple[tuple[Fraction, Fraction], ...]:
     """For each agent a and b with |u_i - d_i| <= a rho + b on {V <= rho}, from |eps_i| <= ``disturbance``."""
     sizes = [k * x for k, x in zip(pin_sizes(problem), v, strict=True)]
     if error is None:
         return tuple((size, _ZERO) for size in sizes)
-    if not agents_know(problem) and not stated_in(problem).absolute:  # errors of the weights act on E
+    if not own_box and not agents_know(problem):  # errors of the weights act on E
         return tuple((max(size, 1 / error.kappa), _ZERO) for size in sizes)
     first = root_above(error.size * disturbance**2, unit=ROOTS)
     return tuple((size, max(_ZERO, 1 - error.kappa * size) * first) for size in sizes)
@@ -279,7 +291,7 @@ def loaded_inputs(
 ) -> tuple[tuple[Fraction, Fraction], ...]:
     """The same under a disturbance, drift and noise, in the box of a stage of ``accuracy``.  Raises: UndefinedError."""
     added = {load.agent: (load.growing, load.by_input) for load in loads(problem, peaks, stage)}
-    parts = enumerate(input_parts(problem, stage.v, error, disturbance))
+    parts = enumerate(input_parts(problem, stage.v, error, disturbance, own_box=True))
     return tuple((a + added[agent][0], b + added[agent][1]) for agent, (a, b) in parts)
 
 
@@ -315,11 +327,15 @@ def _not_held(
     found = largest_disturbance(problem)
     if problem.actuators is None or found is None or check.rate is not None:
         return "it needs [actuators], a bound of the disturbance (with a drift: amplitude), and no rate"
-    if final is None or final.verdict is not Verdict.PROVED:
-        return "it needs a proved check of accuracy"
     if (reason := not_final(problem, W)) is not None:
         return reason
-    beside = final.claim if isinstance(final.claim, Accuracy) else read_accuracy(final, problem, W)
+    peaks = None
+    if stated_in(problem).absolute:
+        if final is None or final.verdict is not Verdict.PROVED:
+            return "it needs a proved check of accuracy"
+        peaks = (final.claim if isinstance(final.claim, Accuracy) else read_accuracy(final, problem, W)).peaks
+    elif blind(problem):
+        return "observers that do not know the weights need the box of max-separable"
     radius, noise = read_domain(check.domain, problem, kind="box")
     box = Separable(v=stage.v, alpha=stage.alpha, rho=claim.rho, error=claim.error)
     if (exosystem := problem.joint_exosystem) is not None:
@@ -331,6 +347,6 @@ def _not_held(
             return "kappa must exceed 1/(beta min v), or the observer error can raise V"
     if not covers(box, radius=max(radius, stage.level * box.least), disturbance=noise):
         return "its box, or the level, is not inside {V <= rho}"
-    if (why := not_shrinking(problem, beside.peaks, stage)) is not None:
+    if (why := not_shrinking(problem, peaks, stage)) is not None:
         return why
-    return _too_small(problem, claim, loaded_inputs(problem, beside.peaks, stage, claim.error, noise), found)
+    return _too_small(problem, claim, loaded_inputs(problem, peaks, stage, claim.error, noise), found)

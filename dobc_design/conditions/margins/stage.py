@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import chain
 
 import numpy as np
 from scipy import sparse
 
-from dobc_design.conditions.accuracy.decide import Accuracy, Level
-from dobc_design.conditions.accuracy.stage import lowest_level
+from dobc_design.conditions.accuracy.decide import Accuracy, Level, Peaks, not_shrinking
+from dobc_design.conditions.accuracy.stage import covering_boxes
 from dobc_design.conditions.check import Check, Domain, limited, starts_in, undecided_check
 from dobc_design.conditions.coverage import NEAR, Asked, Progress
 from dobc_design.conditions.margins import decide
@@ -19,6 +20,7 @@ from dobc_design.conditions.margins.decide import Inputs, Tolerance
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
 from dobc_design.conditions.separable.claim import ErrorBound, Errors, Separable, holding_gains
 from dobc_design.conditions.separable.decide import largest_rate, verify_separable
+from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import IN_HAND, TIMED_ARCS
 from dobc_design.conditions.stated import stated_in
 from dobc_design.conditions.weighted.propose import rounded
@@ -71,6 +73,8 @@ WIDER = Fraction(21, 20)  # eta, for a second program with wider enclosures
 FAR = 1000  # times that v grows until the rows at the target count as lost
 MORE = 1 + Fraction(1, 10**9)  # inputs, for roots that another program rounds otherwise
 NOT_FINAL = "what [uncertainty] adds acts on the inputs, too, and no final bounds (accuracy) are proved under it."
+NO_BOX = "no box is found that holds the starts and is not left under what the file states."
+SLOWLY = (0.01, 0.1)  # parts of the largest rate that weights of their own are made for
 NO_PROOF = "there is no proved max-separable certificate that it could rest on."
 _ZERO = Fraction(0)
 
@@ -101,12 +105,11 @@ def _given(asked: Asked) -> Errors | None:
 
 def _tolerance(asked: Asked, proof: Check | None) -> Check:
     problem, given, why = asked.problem, _given(asked), decide.why_not_local(asked.problem)
-    together = proof is not None and stated_in(problem).limit  # inputs are bounded in the box of this proof
     if sum(map(len, problem.network.modes.values())) > TIMED_ARCS:
         reason = f"left out: the network is large; tolerances are examined up to {TIMED_ARCS} arcs."
         return undecided_check("tolerance", asked.domain, reason)
     local = why is None and (not problem.groups or asked.W is not None)
-    if (not asked.wanted or proof is None) and local and not together:
+    if (not asked.wanted or proof is None) and local:
         proof = None  # without a region the question is about the target, not about the box that was found
         if asked.wanted and asked.domain != "global":
             return undecided_check("tolerance", asked.domain, NO_PROOF)
@@ -231,18 +234,27 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
             why = "with a drift of the amplitudes simulation.xi0 bounds nothing"
         reason = f"does not apply: {why}: give actuators.amplitude."
         return undecided_check("actuators", asked.domain, reason, applies=False)
-    if stated_in(problem).absolute and final is None:
+    stated, tolerated = stated_in(problem), beside.get("tolerance")
+    if stated.absolute and final is None:
         return undecided_check("actuators", asked.domain, NOT_FINAL)
-    base = None if proof is None else proof.claim
-    if proof is None or not isinstance(base, Separable) or base.T is not None:
-        return undecided_check("actuators", asked.domain, NO_PROOF)
-    if base.rho is None and not asked.wanted and problem.actuators is not None and not problem.actuators.limit:
+    base = proof.claim if proof is not None and isinstance(proof.claim, Separable) else None
+    base = None if base is None or base.T is not None else base
+    if base is not None and base.rho is None and not (asked.wanted or stated.limit):
         reason = "does not apply: inputs have no bound from every start: give a [region]."
         return undecided_check("actuators", asked.domain, reason, applies=False)
-    plans = list(_plans_with_inputs(asked, base, final, found) if final else _plans(asked, proof, base, found))
-    if not plans:
-        return undecided_check("actuators", asked.domain, "no box is found that holds the starts under these inputs.")
-    plan = min(plans, key=lambda each: _worst(problem, each.inputs(found)))
+    # The rows of max-separable count errors where the tolerance has shown that they do.
+    at_target = stated.relative and tolerated is not None and "v" in (tolerated.exact or {})
+    plans: Iterable[_Plan] = ()
+    if proof is not None and base is not None and not stated.absolute and not at_target:
+        plans = _box_of_proof(asked, proof, base, found)
+    plan: _Plan | None = None
+    for each in chain(plans, _boxes_of_their_own(asked, base, final)):
+        if plan is None or _worst(problem, each.inputs(found)) < _worst(problem, plan.inputs(found)):
+            plan = each
+        if _worst(problem, plan.inputs(found)) <= 1:
+            break
+    if plan is None:
+        return undecided_check("actuators", asked.domain, NO_BOX)
     if _worst(problem, plan.inputs(found)) > 1:
         return undecided_check("actuators", asked.domain, _too_large(asked, plan, found))
     labels = problem.network.labels
@@ -282,7 +294,7 @@ def _level_of(
     return rounded_up(max(radius / min(v), level) + size, digits=9)
 
 
-def _plans(asked: Asked, proof: Check, base: Separable, found: Sequence[Fraction]) -> Iterator[_Plan]:
+def _box_of_proof(asked: Asked, proof: Check, base: Separable, found: Sequence[Fraction]) -> Iterator[_Plan]:
     """The box of max-separable that holds the starts; without a region a smaller one, where a limit asks for it."""
     problem, v = asked.problem, tuple(base.v)
     starts = _starts(asked, proof.domain)
@@ -310,28 +322,45 @@ def _smaller(
     return decimal_below(claimed(starts[0]) * part), decimal_below(claimed(starts[1]) * part) if starts[1] else 0.0
 
 
-def _plans_with_inputs(
-    asked: Asked, base: Separable, final: Check | None, found: Sequence[Fraction]
-) -> Iterator[_Plan]:
-    """Boxes that hold the starts under all that [uncertainty] states: those of ``accuracy`` and max-separable."""
-    problem = asked.problem
-    if final is None or not isinstance(final.claim, Accuracy):
+def _boxes_of_their_own(asked: Asked, base: Separable | None, final: Check | None) -> Iterator[_Plan]:
+    """Boxes that hold the starts under all that [uncertainty] states: that of ``accuracy``, and those with the least
+    weights, which want the least inputs."""
+    problem, peaks, error = asked.problem, None, None if base is None else base.error
+    levels: list[tuple[Level, ErrorBound | None]] = []
+    domain: Domain = starts_in("box", asked.radius, asked.disturbance)
+    if final is not None and isinstance(final.claim, Accuracy):
+        peaks, error, domain = final.claim.peaks, final.claim.error or error, final.domain
+        levels.append((final.claim.stages[0], error))
+    elif decide.blind(problem):
         return
-    peaks, first = final.claim.peaks, final.claim.stages[0]
-    starts, error = _starts(asked, final.domain), final.claim.error or base.error
-    levels = [first]
-    if first.rho is None:  # linear couplings: other weights may want smaller inputs
-        same = lowest_level(problem, peaks, tuple(base.v))
-        levels += [] if same is None else [same]
-    for level in levels:
-        v, own = tuple(level.v), error
-        if error is not None and first.rho is None:
-            own = replace(error, kappa=_kappa(error, v))
-        rho = _level_of(v, own, starts, level.level)
-        rho = rho if first.rho is None else min(rho, first.rho)
-        stage = replace(level, rho=None if first.rho is None else rho)
-        parts = decide.loaded_inputs(problem, peaks, stage, own, claimed(starts[1]))
-        yield _Plan(starts=starts, rho=rho, parts=parts, v=v, stage=stage, error=own)
+    exosystem = problem.joint_exosystem
+    if error is None and exosystem is not None and asked.W is not None:
+        error = propose_error_bound(exosystem, asked.W)
+    if exosystem is not None and error is None:
+        return
+    starts = _starts(asked, domain) if asked.wanted else (NEAR, NEAR * bool(problem.groups))
+    for part in SLOWLY:
+        held = covering_boxes(problem, peaks, error, (claimed(starts[0]), claimed(starts[1])), slowly=part)
+        for level, own in chain(levels, held):
+            levels = []
+            yield from _plan_of(problem, peaks, level, own, starts)
+
+
+def _plan_of(
+    problem: Problem, peaks: Peaks | None, level: Level, error: ErrorBound | None, starts: tuple[float, float]
+) -> Iterator[_Plan]:
+    """The plan of a stage, if its rows hold in a box with these starts."""
+    v, linear = tuple(level.v), problem.is_linear
+    if error is not None and (linear or error.kappa * error.beta * min(v) <= 1):
+        error = replace(error, kappa=_kappa(error, v))
+    rho = _level_of(v, error, starts, level.level)
+    rho = rho if level.rho is None else min(rho, level.rho)
+    if rho < level.level:
+        return
+    stage = replace(level, rho=None if linear else rho)
+    if not_shrinking(problem, peaks, stage) is None:
+        parts = decide.loaded_inputs(problem, peaks, stage, error, claimed(starts[1]))
+        yield _Plan(starts=starts, rho=rho, parts=parts, v=v, stage=stage, error=error)
 
 
 def _kappa(error: ErrorBound, v: Sequence[Fraction]) -> Fraction:

@@ -99,9 +99,8 @@ def margins_cases() -> list[Case]:
     drifts = one(**SEEN, **WIDE, uncertainty=acts)
     blind = two(**fast, coupling="y + y**3/9", uncertainty=acts | {"known_to_agents": False}, **WIDE)
     ring = Network.from_arcs([[2, 1], [3, 2], [1, 3]], arrow="listens_to", agents=3)
-    near = WIDE["region"] | {"initial_disturbance": "1/2"}
     tight = {"network": ring, "coupling": "y + y**3/9", "gains": {1: 3, 2: 2}, "uncertainty": {"weights": "1/100"}}
-    own_box = one(**fast | tight, region=near, actuators={"limit": 8, "amplitude": 2})
+    own_box = one(**fast | tight, region=WIDE["region"], actuators={"limit": 8, "amplitude": 2})
     return [
         bent(own_box, "actuators", code=HOLDS),
         bent(own_box, "actuators", v=["1", "2", "1"]),

@@ -29,6 +29,7 @@ ENDS = (
 WEIGHTS = ("weight", "w", "value")
 KINDS = ("type", "directed")  # of an edge: one arc, or both
 BESIDE = ("id", "edgeid", "label", "name", "key", "timeset", "interval", "comment", "note", "color", "colour")
+ARROWS = ("->", "-->", "<-", "<->", "--", "-", "=>", "\u2192", ":")  # of other languages for graphs
 KNOWN = "from,to or source,target, then weight and type (Directed or Undirected)"
 BOTH = {"undirected": True, "false": True, "0": True, "no": True}
 ONE_WAY = {"directed": False, "true": False, "1": False, "yes": False}
@@ -164,7 +165,12 @@ def _edge_list(text: str, source: Source, separator: str | None) -> Iterator[Row
 
 def _split(line: str, source: Source, separator: str | None, *, row: int) -> list[str]:
     if separator is None:
-        return line.split()
+        cells = line.split()
+        if any(cell in ARROWS for cell in cells) or cells[0].endswith(":"):
+            found = next((cell for cell in cells if cell in ARROWS), cells[0])
+            what = f"holds {shown(found)}: it is no list of arcs, two labels and perhaps a weight in each line"
+            raise source.error(what, "Write a b, or a b weight; `arrow` says which of the two listens.", row=row)
+        return cells
     try:
         cells = [cell.strip() for cell in next(csv.reader([line.strip(" ")], delimiter=separator, strict=True))]
     except csv.Error as error:

@@ -112,6 +112,8 @@ def test_a_header_stays_a_header_when_agents_have_its_names(tmp_path):
         ("net.edges", "1 2 0,5\n", "line 1 has the number '0,5' with a decimal comma"),
         ("net.edges", "1 2 1\n2 3 0,5\n", "line 2 has the number '0,5' with a decimal comma"),
         ("net.edges", "1, 2\n3 4 0,5\n", "line 2 holds both commas and blanks"),
+        ("net.txt", "1 -> 2\n2 -> 3\n", "line 1 holds '->': it is no list of arcs.*Write a b"),
+        ("net.txt", "1: 2 3\n2: 3\n", "line 1 holds '1:': it is no list of arcs"),
         ("net.edges", "1 2 3 4\n", "line 1 must have 2 or 3 columns"),
         ("net.edges", "1 2 {'weight': [1]}\n", r"has attributes that cannot be read.*nx.write_weighted_edgelist"),
         ("net.edges", "1 2 {'weight': 1\n", r"has attributes that cannot be read"),

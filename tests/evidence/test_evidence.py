@@ -1,6 +1,7 @@
 """A seeded share of what `make evidence` counts (see ``Item.share``), item by item."""
 
 import json
+import math
 import sys
 import warnings
 from pathlib import Path
@@ -46,8 +47,8 @@ def test_one_spoilt_number_is_counted_as_a_disagreement(name: str, number, monke
 
 
 def test_a_claim_that_one_program_refuses_is_counted_as_a_disagreement(monkeypatch: pytest.MonkeyPatch):
-    def refuses(data: bytes, document: bytes):
-        return [(holds and "max-separable" not in text, text) for holds, text in examine(data, document)]
+    def refuses(data: bytes, document: bytes, until: float = math.inf):
+        return [(holds and "max-separable" not in text, text) for holds, text in examine(data, document, until)]
 
     monkeypatch.setattr(rechecks.checker, "examine", refuses)
     assert agreement.run(1, PROVED_REGION).failures

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from checker_cases import FAILS, HOLDS, Case, Document, network, scalar
+from checker_cases import FAILS, HOLDS, Case, Document, as_written, network, scalar
 from framed import Frames, bent
 from region_cases import ball, box, claim, doubles
 from tube_cases import bent as changed
@@ -286,13 +286,15 @@ def _bent_problems() -> Iterator[Case]:
     for name, change, check in (
         ("chain", {"sequence": ["A", "X"]}, CHAINED),
         ("chain", {"dwell": "0"}, times),
+        ("chain", {"dwell": None}, times),
+        ("chain, in rounds", {"period": None, "dwell": "1"}, times),
         ("chain, in rounds", {"schedule": [["0", "A"], ["0", "B"]]}, times),
         ("two", {"dwell": "0"}, GRAPHS),
         ("two", {"dwell": None}, GRAPHS),
     ):
         document = json.loads(_FRAMES.problem(name))
         document["switching"] |= change
-        yield _case(name, FAILS, check, f"bent problem, {change}", json.dumps(document).encode())
+        yield _case(name, FAILS, check, f"bent problem, {change}", as_written(document))
 
 
 # From 1 the chain in A, B, A, up to a thousandth: agent 1 halves; agent 2 in B falls by 3/8 (1 - b <= 1/4 - b at its

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from checker_cases import EACH_OTHER, FAILS, HOLDS, Case, Document, network, scalar
+from checker_cases import EACH_OTHER, FAILS, HOLDS, Case, Document, as_written, network, scalar
 from framed import Frames, bent
 from region_cases import REFUTED, ball, box, claim, doubles, second_box
 
@@ -306,4 +306,4 @@ def _bent_problems() -> Iterator[Case]:
         document["switching"]["generator"] = rates
         # Means would decay.
         check = markov(GLOBAL, 0.001, "mean", rate="1/1000", w={"A": ["8/5", "1"], "B": ["8/5", "8/5"]})
-        yield _case("link", FAILS, check, f"bent problem, {rates}", json.dumps(document).encode())
+        yield _case("link", FAILS, check, f"bent problem, {rates}", as_written(document))

@@ -18,7 +18,7 @@ from dobc_design.exact.number import parse_number
 from dobc_design.exact.reading import named, shown
 from dobc_design.problem.arcs_graphs import MATRIX_MARKET, Graph, first_word, gml, graphml, matrix_market, pajek
 from dobc_design.problem.arcs_plain import PlainColumns, plain_columns
-from dobc_design.problem.arcs_text import KNOWN, Row, Source, Table, arcs_of, csv_table, edge_list_table
+from dobc_design.problem.arcs_text import KNOWN, Row, Source, Table, arcs_of, csv_table, edge_list_table, find_columns
 from dobc_design.problem.network import (
     ONE,
     WANTED,
@@ -96,6 +96,8 @@ def read_network_file(
     ends: dict[str, None] = dict.fromkeys(graph.labels)
     for row, cells in graph.rows:
         for label in cells[:2]:
+            if label in ends:
+                continue
             if not is_label(label):
                 raise source.error(f"names {shown(label)}; a label must be {WANTED}", "Correct the label.", row=row)
             ends[label] = None
@@ -103,8 +105,22 @@ def read_network_file(
         raise source.error(*EMPTY)
     labels = tuple(sorted(ends, key=int) if all(re.fullmatch("[0-9]{1,9}", label) for label in ends) else ends)
     index = {label: place for place, label in enumerate(labels)}
+    table = _table(path, text, source)
+    if table is not None and _has_the_same_header(table, source, index):
+        plain = plain_columns(text, table, source, index)
+        quick = None if plain is None else _plain_arcs(plain, source, arrow=arrow)
+        if quick is not None:
+            return labels, quick
     rows = _graph(path, text, source, {}).rows  # not with the index: what was a header above is one here
     return labels, _arcs(rows, source, index=index, arrow=arrow, merge=merge, drop_loops=drop_loops)
+
+
+def _has_the_same_header(table: Table, source: Source, index: Mapping[str, int]) -> bool:
+    """Whether the first line means the same with and without the agents: they may be called from and to."""
+    first = next(table.rows(), None)
+    return first is not None and find_columns(first, table.rows, source, index) == find_columns(
+        first, table.rows, source, {}
+    )
 
 
 def _arcs(

@@ -76,8 +76,10 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
     if open_tables:
         without = " and ".join(_NAMES[id] for id in stated.wanted)
         told = f"Undecided: without {without} {_arrival(problem, best, pace=best).replace('All', 'all', 1)}"
-        for gap in open_tables:
-            told += f"; with {gap.table} it is not proved: {gap.reason.removesuffix('.')}"
+        reasons = dict.fromkeys(gap.reason for gap in open_tables)
+        for reason in reasons:
+            tables = " and with ".join(gap.table for gap in open_tables if gap.reason == reason)
+            told += f"; with {tables} it is not proved: {reason.removesuffix('.')}"
         cures = "; ".join(dict.fromkeys(gap.cure for gap in open_tables))
         return Overall(verdict=Verdict.UNDECIDED, reason=f"{told}. What would help: {cures}.")
     carrier = best

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from certified import certified
 from separable_problems import listening
+from stated_problems import broken, kept
 
 from dobc_design import Certificate, Observer, Problem, Verdict, load_problem
 from dobc_design.certificate.text import certificate_bytes
@@ -233,6 +234,20 @@ def test_without_a_region_limits_are_kept_near_the_target():
     assert both_accept(near) == (True, True)
     far = certified(pair(**SEEN, actuators={"limit": "0.99", "amplitude": 1}))
     require_undecided(far, "The disturbance alone may need 1", proof="theorem1")
+
+
+@pytest.mark.parametrize("seed", range(9))
+def test_tables_that_cannot_be_kept_are_never_proved(seed: int):
+    """A share of the evidence, which has more of them; every third has two or three tables."""
+    certificate = certified(broken(seed).problem)
+    assert certificate.verdict is not Verdict.PROVED, broken(seed).why
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 4])
+def test_tables_that_can_be_kept_are_proved(seed: int):
+    certificate = certified(kept(seed).problem)
+    assert certificate.verdict is Verdict.PROVED, certificate.reason
+    assert both_accept(certificate) == (True, True)
 
 
 def test_a_drift_needs_the_amplitude():

@@ -7,6 +7,7 @@ import pytest
 from fuzzing import LIMIT as ALONE
 from fuzzing import time_limit
 from grid_tables import tables
+from linked import loop_by_hand
 
 import dobc_design as dd
 from dobc_design.errors import SpecError
@@ -187,6 +188,25 @@ def test_the_ieee_14_bus_network_is_that_of_the_built_in_problem():
     for pair, w in lines.items():
         if frozenset(pair) not in taps:
             assert same[pair] == pytest.approx(w, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_300_bus_network_with_its_negative_reactance_is_refuted():
+    """One branch between buses 244 and 98 repels: NumPy, too, finds one eigenvalue of J - K with positive real part."""
+    pandapower()
+    from pandapower import networks
+
+    problem = dd.from_pandapower(networks.case300())
+    loop = loop_by_hand(problem)
+    for i, j in problem.exceptions:  # h = -sin(y) instead of sin(y)
+        w = float(next(w for a, b, w in problem.network.modes["grid"] if (a, b) == (i, j)))
+        loop[i, j] -= 2 * w
+        loop[i, i] += 2 * w
+    assert np.sum(np.linalg.eigvals(loop).real > 1e-9) == 1
+    certificate = dd.certify(problem)
+    assert certificate.verdict is Verdict.REFUTED
+    assert "1 eigenvalue(s) with positive real part" in certificate.reason
+    assert dd.verify(certificate, problem).lone_checker == "it accepts every claim"
 
 
 def net_of(tmp_path, data: bytes):

@@ -136,6 +136,8 @@ def _refuted_reason(problem: Problem, checks: Sequence[Check], W: Matrix | None)
             where = "" if check.mode is None else f"in mode {check.mode} "
             text = f"Consensus fails: {where}the linearisation at the target is unstable"
             return text + f" ({check.claim.roots} eigenvalue(s) with positive real part)."
+        if check.id == "schedule":
+            return f"Consensus fails: {check.reason}"
     # Without a region the question is about every neighbourhood of the target, and this one is some way off.
     resting = [check.reason for check in refuting if check.id == "equilibrium" and region is not None]
     return resting[0] if resting else None

@@ -81,7 +81,11 @@ def ends_of(turns: list[Phase]) -> list[Fraction]:
 
 
 def schedule(case: Certificate, check: Any) -> None:
-    """N = max |e_i| / v_i(t) falls from phase to phase at the rate, or the graphs alone show that all errors decay."""
+    """N = max |e_i| / v_i(t) falls from phase to phase at the rate, or the graphs alone show that all errors decay; or
+    errors grow from round to round."""
+    if check.verdict == "refuted":
+        grows(case.problem, check)
+        return
     exact = read_cycles(case, check.exact, check.exact is not None and "T" in check.exact)
     plain = not case.problem.nodes and all(h.single for h in case.problem.couplings)
     need(exact.rate is not None if exact.T else plain, "a coupling is a list, or nodes are curved, or T has no weights")
@@ -283,3 +287,66 @@ def halves(face: Face, loads: tuple[Fraction, Fraction]) -> Iterator[tuple[Face,
     load = sum(loads, ZERO) / 2
     yield Face((face.own[0], own), (face.other[0], other), face.speed), (loads[0], load)
     yield Face((own, face.own[1]), (other, face.other[1]), face.speed), (load, loads[1])
+
+
+# --- Errors that grow from round to round: |tr M^k| > n m, M the linear map of a round --------------------------------
+BITS = 256
+POWER, ROWS, ROUND, GROWTH = 64, 20, 200, 1000  # limits, the last of the sum of |J - K| T in the largest row sum
+
+Ball = tuple[list[list[int]], int]  # a matrix in units of 2^-BITS, and a bound of what its rows may miss, in all
+
+
+def grows(p: Problem, check: Any) -> None:
+    """The trace of a power of M, the product of exp((J - K) T) over the phases, is larger than M can have with
+    eigenvalues of size 1 at most."""
+    power, turns = read(check.exact, {"power": rational}).power, timed(p)
+    need(check.witness is None and p.domain == "global" and not p.loose, "it is about linear couplings that stay")
+    need(0 < len(turns) <= ROUND and p.n * p.m <= ROWS, "so long a round, or so many rows, are not followed here")
+    need(power.denominator == 1 and 1 <= power <= POWER, "the power is no whole number from 1 on, or too large")
+    parts = [(turn.mode, turn.shortest) for turn in turns]
+    sizes = {part: [[x * part[1] for x in row] for row in p.jacobian(part[0])] for part in set(parts)}
+    reach = sum(max(sum(map(abs, row)) for row in sizes[part]) for part in parts)
+    need(reach <= GROWTH, "a round is too long")
+    known = {part: exponential(X) for part, X in sizes.items()}
+    whole = known[parts[0]]
+    for part in parts[1:]:
+        whole = multiplied(known[part], whole)
+    found = whole
+    for _ in range(int(power) - 1):
+        found = multiplied(found, whole)
+    size = p.n * p.m
+    trace = abs(sum(found[0][k][k] for k in range(size))) - size * found[1]
+    need(trace > size << BITS, "it is not shown that errors grow")
+
+
+def multiplied(X: Ball, Y: Ball) -> Ball:
+    """The product; rounding each entry misses less than one unit."""
+    still()
+    (x, r), (y, s) = X, Y
+    columns = list(zip(*y, strict=True))
+    entries = [[sum(a * b for a, b in zip(row, column, strict=True)) >> BITS for column in columns] for row in x]
+    return entries, ((largest_row(x) * s + largest_row(y) * r + r * s) >> BITS) + 1 + len(x)
+
+
+def largest_row(x: list[list[int]]) -> int:
+    """The largest sum of sizes in a row, in units."""
+    return max(sum(map(abs, row)) for row in x)
+
+
+def exponential(X: list[list[Fraction]]) -> Ball:
+    """exp(X): its series at X / 2^k with rows of at most 1/4, whose rest is below one unit, squared k times."""
+    size, halvings = len(X), 0
+    while max(sum(map(abs, row)) for row in X) > Fraction(2**halvings, 4):
+        halvings += 1
+    small: Ball = [[int(x * 2**BITS // 2**halvings) for x in row] for row in X], size
+    unit = [[(a == b) << BITS for b in range(size)] for a in range(size)]
+    total, missed, term = unit, 1, (unit, 0)
+    for k in range(1, BITS // 4):
+        rows, r = multiplied(term, small)
+        term = [[x // k for x in row] for row in rows], r // k + 1 + size
+        total = [[a + b for a, b in zip(*both, strict=True)] for both in zip(total, term[0], strict=True)]
+        missed += term[1]
+    found: Ball = total, missed
+    for _ in range(halvings):
+        found = multiplied(found, found)
+    return found

@@ -130,7 +130,7 @@ def regional(case: Certificate, check: Any) -> None:
     else:
         need(check.domain == p.domain, "the domain is wrong")
         need(check.rate is None, "it is refuted and claims a rate")
-        need(check.id in ("max-separable", "equilibrium", "markov"), "it cannot be refuted")
+        need(check.id in ("max-separable", "equilibrium", "markov", "schedule"), "it cannot be refuted")
     REGIONAL[check.id](case, check)
     need(check.id != "equilibrium" or may_stay(p, check.exact["mode"]), "the guarantee does not let that mode stay on")
 
@@ -240,4 +240,5 @@ def refuted(case: Certificate) -> bool:
     inside = (lo < hi and lo < last and first < hi for lo, hi, first, last in rooms)
     unstable = (check for check in found if check.id in ("lemma1", "linearisation"))
     rooted = (check.exact for check in unstable if may_stay(p, check.mode or next(iter(p.modes))))
-    return all(inside) and (p.drifts() or any(rational(exact["unstable_roots"]) > 0 for exact in rooted))
+    grows = any(check.id == "schedule" for check in found)
+    return all(inside) and (grows or p.drifts() or any(rational(exact["unstable_roots"]) > 0 for exact in rooted))

@@ -74,7 +74,7 @@ _MAX_HEIGHT: Final = 4096
 # Exponents of two beyond which a ball is not written out.
 _MAX_EXPONENT: Final = 4 * MAX_EXPONENT
 # flint keeps its precision in one place for all threads.
-_LOCK: Final = threading.Lock()
+FLINT: Final = threading.Lock()
 
 # (function, argument) -> value, where that is rational; there are no others (Lindemann).
 _EXACT: Final = {("log", 1): 0} | {(name, 0): 1 for name in ("exp", "cos", "cosh")}
@@ -93,7 +93,7 @@ def bounds(name: str, x: Fraction) -> tuple[Fraction, Fraction]:
         return Fraction(known), Fraction(known)
     from flint import arb, ctx
 
-    with _LOCK, ctx.workprec(BITS + _GUARD + min(height(x), _MAX_HEIGHT)):
+    with FLINT, ctx.workprec(BITS + _GUARD + min(height(x), _MAX_HEIGHT)):
         lower, upper = _ends(getattr(arb(to_fmpq(x)), name)())
     return max(lower, Fraction(_LEAST.get(name, lower))), min(upper, Fraction(_GREATEST.get(name, upper)))
 
@@ -106,7 +106,7 @@ def float_values(name: str, x: float) -> tuple[float, float]:
         return known, known
     from flint import arb, ctx
 
-    with _LOCK:  # workprec alone would take a quarter of the time
+    with FLINT:  # workprec alone would take a quarter of the time
         before, ctx.prec = ctx.prec, 64
         ball = getattr(arb(x), name)()
         low, high = float(ball.lower()), float(ball.upper())
@@ -119,7 +119,7 @@ def pi_bounds(bits: int) -> tuple[Fraction, Fraction]:
     """Return bounds of pi that differ by about 2^-bits."""
     from flint import arb, ctx
 
-    with _LOCK, ctx.workprec(bits + 4):
+    with FLINT, ctx.workprec(bits + 4):
         return _ends(arb.pi())
 
 
@@ -490,7 +490,7 @@ def discretise(A: Matrix, period: Fraction) -> Discretisation:
     if period <= 0:
         raise SpecError(f"the sampling period must be > 0 (s); got {period}.")
     q = len(A)
-    with _LOCK, ctx.workprec(320):
+    with FLINT, ctx.workprec(320):
         blocks = [[*(arb(to_fmpq(x * period)) for x in row), *[arb(0)] * q] for row in A]
         blocks += [[arb(0)] * 2 * q for _ in A]
         for i in range(q):

@@ -13,7 +13,7 @@ from itertools import pairwise
 from typing import Any, Final
 
 from dobc_design.exact import matrix as exact
-from dobc_design.exact.interval import _LOCK, _ends
+from dobc_design.exact.interval import FLINT, _ends
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.number import to_fmpq
 
@@ -47,7 +47,7 @@ def peak_gains(
         table = [[abs(x) for x in row] for row in rows.tolist()]
         return [[sum(row[a:b], arb(0)) for a, b in pairwise(ends)] for row in table]
 
-    with _LOCK, ctx.workprec(192 + 2 * int(growth)):
+    with FLINT, ctx.workprec(192 + 2 * int(growth)):
         h, G = arb(to_fmpq(step)), arb_mat([[arb(to_fmpq(x)) for x in row] for row in C])
         phi = arb_mat([[arb(to_fmpq(x * step)) for x in row] for row in F]).exp()
         Z = arb_mat([[arb(to_fmpq(x)) for B in blocks for x in B[i]] for i in range(size)])

@@ -23,6 +23,7 @@ Indices = NDArray[np.intp]
 CENTRED: Final = 0.1  # Newton decrement at which a point counts as the centre
 MOST_STEPS: Final = 60
 STEP: Final = 20  # steps of work for one of Newton's
+BLOCK: Final = 5  # more for each block
 CUBES: Final = 20_000  # and cubed rows for one more
 # Added to the scaled Hessian, in turn, where rounding leaves it indefinite near the boundary.
 _RIDGES: Final = (1e-14, 1e-11, 1e-8)
@@ -196,7 +197,7 @@ def centre(
     for _ in range(MOST_STEPS):
         if stop is not None and stop(point):
             break
-        spend(STEP + rows // CUBES)
+        spend(STEP + BLOCK * len(problem.blocks) + rows // CUBES)
         gradient, hessian = problem.derivatives(point)
         step = _solve(hessian, gradient + cost)
         if step is None:

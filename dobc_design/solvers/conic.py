@@ -17,10 +17,11 @@ from scipy import sparse
 
 from dobc_design.exact.pencil import Pencil, positive
 from dobc_design.exact.symmetric import Symmetric
-from dobc_design.exact.work import seconds_left
+from dobc_design.exact.work import seconds_left, spend
 from dobc_design.solvers.program import FAILED, Array, Program, Solution, as_sparse, assemble, is_solver_failure
 
 ROOT2: Final = math.sqrt(2.0)
+ROW: Final = 5  # steps of work for a row of the cones
 TIME_LIMIT: Final = 20.0  # seconds for one program; those of an observer take milliseconds
 
 
@@ -45,6 +46,7 @@ def solve_cones(
     an answer without values where the solver fails in any way; it never raises for that."""
     import clarabel
 
+    spend(ROW * sum(len(cone.right) for cone in cones))
     size, curved = len(cost), np.zeros(len(cost)) if squares is None else squares
     kept = np.flatnonzero(curved)
 

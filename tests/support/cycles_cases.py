@@ -10,7 +10,7 @@ from typing import Any
 
 from checker_cases import FAILS, HOLDS, Case, Document, as_written, network, scalar
 from framed import Frames, bent
-from region_cases import ball, box, claim, doubles
+from region_cases import REFUTED, ball, box, claim, doubles
 from tube_cases import bent as changed
 from tube_cases import last, settling, tube
 from tube_cases import moved as shifted
@@ -25,6 +25,8 @@ ONE_OR_BOTH = network({"A": [[2, 1]], "B": [[2, 1], [1, 2]]}, agents=2)
 PAIR: Document = {"network": ONE_OR_BOTH, "coupling": "y + y**3", "gains": {1: 5}}
 THREE = network({"A": [[2, 1]], "B": [[3, 2]], "C": []}, agents=3)
 WATCHED: Document = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
+#: e_1' = e_1/2 - e_2 in A, likewise e_2 in B: over both errors grow 20.09 times in 6 s.
+GROWS: Document = {"network": network({"A": [[1, 2]], "B": [[2, 1]]}, agents=2), "coupling": "-y", "gains": "1/2"}
 DWELL: Document = {"guarantee": "dwell", "dwell": 1}
 UNEVEN: Document = {"guarantee": "sequence", "schedule": [[0, "A"], [1, "B"]], "period": 2}
 
@@ -59,6 +61,10 @@ def _settings() -> dict[str, tuple[Document, Document]]:
         "three, in turn": (CHAIN | {"network": THREE}, TURNS | {"sequence": ["A", "C", "B"]}),
         "two": (CHAIN, DWELL | {"longest": 2}),
         "two, for ever": (CHAIN, DWELL),
+        "grows": (GROWS, TURNS | {"dwell": 3}),
+        "grows, watched": (GROWS | WATCHED, TURNS | {"dwell": 3}),
+        "grows, not": (GROWS | {"gains": "11/10"}, TURNS | {"dwell": 3}),
+        "grows, curved": (GROWS | {"coupling": "-y - y**3"}, TURNS | {"dwell": 3}),
         "outward": (PAIR | {"coupling": "y"} | plane, DWELL),
         "list": (PAIR | {"coupling": ["y1 + y2", "y2"], "target": [0, 0]}, DWELL),
     }
@@ -156,7 +162,23 @@ SEEN["exact"] |= PART | {"kappa": "1/2"}
 def cycles_cases() -> list[Case]:
     """All of them, the good ones first."""
     weights = (*_good(), *_bent_weights(), *_bent_dwell(), *_bent_observer(), *_bent_graphs(), *_bent_problems())
-    return [*weights, *_settled()]
+    return [*weights, *_growing(), *_settled()]
+
+
+def _growing() -> Iterator[Case]:
+    """tr M = exp(3) + exp(-3) = 20.14 > 2; with gains of 11/10 the spectral radius of M is 0.99."""
+    grows = claim("schedule", GLOBAL, None, {"power": "1"}, verdict="refuted")
+    yield _case("grows", HOLDS, grows, "errors grow", **REFUTED)
+    yield _case("grows", HOLDS, grows | {"exact": {"power": "64"}}, "errors grow", **REFUTED)
+    yield _case("grows, watched", HOLDS, grows, "errors grow", **REFUTED)
+    yield _case("grows, not", FAILS, grows, "they do not grow", **REFUTED)
+    for power in ("0", "-1", "3/2", "65"):
+        yield _case("grows", FAILS, grows | {"exact": {"power": power}}, f"power {power}", **REFUTED)
+    yield _case("grows", FAILS, grows | {"witness": {"kind": "agents", "labels": ["1"]}}, "a witness", **REFUTED)
+    yield _case("grows", FAILS, grows | {"rate": 0.1}, "a rate", **REFUTED)
+    yield _case("grows, curved", FAILS, grows | {"domain": "consensus"}, "a curve", **REFUTED)
+    yield _case("chain", FAILS, grows, "a chain that decays", **REFUTED)
+    yield _case("pair, linear", FAILS, grows, "another guarantee", **REFUTED)
 
 
 def _good() -> Iterator[Case]:

@@ -37,6 +37,7 @@ CORNER_CHANNELS: Final = 6  # of a mode, up to which the corners of all gains ar
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection; rows n m from which
 #: on fewer are.
 FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11
+MODE: Final = 20  # steps of work for the inequality of a mode
 _LARGEST: Final = Fraction(400)  # no |e_j - e_i| beyond is looked at, unless the region asks for more
 
 
@@ -106,8 +107,9 @@ def holds(problem: Problem, lure: Lure) -> bool:
 
 
 def _steps(problem: Problem) -> int:
-    """What an exact inverse of the order of the exosystems takes: 27 s for order 200."""
-    return 0 if problem.joint_exosystem is None else problem.joint_exosystem.order**3 // 8
+    """What an exact inverse of the order of the exosystems takes, 27 s for order 200, and a matrix for every mode."""
+    modes = MODE * len(problem.network.modes)
+    return modes if problem.joint_exosystem is None else modes + problem.joint_exosystem.order**3 // 8
 
 
 def _ladder(asked: Asked, report: Progress) -> list[Found]:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import Final
 
-from dobc_design.conditions.check import Check, read_domain, read_object, starts_in, undecided_check
+from dobc_design.conditions.check import Check, Values, read_domain, read_object, starts_in, undecided_check
 from dobc_design.conditions.coverage import Asked as Region
 from dobc_design.conditions.numbers import (
     claimed,
@@ -22,6 +22,7 @@ from dobc_design.conditions.schedule.claim import QUADRATIC, SCHEDULE, SEPARABLE
 from dobc_design.conditions.schedule.cycles import Cycles, Weights, guarantee_in_words, holds_starts
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling, guarantee_of, proved_reason, why_not
+from dobc_design.conditions.schedule.rounds import confirm_growth
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import error_from_json, observed_in, separable_from_json
 from dobc_design.exact.matrix import Matrix
@@ -63,12 +64,16 @@ def cycles_check(problem: Problem, W: Matrix | None, claim: Cycles, asked: Regio
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
-    """None if everything that a proved check of this topic claims is confirmed, else what is not."""
+    """None if everything that a proved or refuted check of this topic claims is confirmed, else what is not."""
+    if check.id == "schedule" and check.verdict is Verdict.REFUTED:
+        return confirm_growth(check, problem, domain)
     claim = read_claim(check, problem, W)
     if (reason := obstacle(problem, W, turned=isinstance(claim, Cycles) and claim.T is not None)) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None:
         return "it can only be proved or undecided, and has no witness"
+    if isinstance(claim, Values):
+        return "a settling time is never refuted"
     if isinstance(claim, Cycles):
         return not_as_claimed(check, problem, claim.rate, claim, domain) or why_not_cycles(problem, W, claim)
     return "a settling time has no rate" if check.rate is not None else why_not(problem, W, claim)
@@ -92,8 +97,10 @@ def not_as_claimed(
     return None
 
 
-def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cycles:
-    """What a proved check of this topic claims, for this problem."""
+def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Descent | Cycles | Values:
+    """What a check of this topic claims, for this problem."""
+    if check.verdict is Verdict.REFUTED:
+        return Values(check.exact or {})
     if check.id == "schedule":
         return cycles_from_json(check.exact, problem, turned="T" in (check.exact or ()))
     radius, disturbance = read_domain(check.domain, problem, kind="box")

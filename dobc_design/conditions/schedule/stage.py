@@ -27,6 +27,7 @@ from dobc_design.conditions.schedule.cycles import Cycles, guarantee_in_words, h
 from dobc_design.conditions.schedule.cycles import why_not as why_not_cycles
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.schedule.propose import Asked
+from dobc_design.conditions.schedule.rounds import growth_check
 from dobc_design.conditions.separable.checks import obstacle
 from dobc_design.conditions.separable.claim import ErrorBound, Separable, acts_by_component
 from dobc_design.conditions.separable.propose import design_separable, first_certificate, flatter_plans
@@ -220,6 +221,8 @@ def schedule_stage(asked: Region, report: Progress) -> list[Check]:
     if not phases_of(problem):
         return []
     undecided = partial(undecided_check, "schedule", asked.domain)
+    if (grows := growth_check(problem, asked.domain)) is not None:
+        return [grows]
     turned = not acts_by_component(problem)
     if (reason := obstacle(problem, W, turned=turned)) is not None:
         return [undecided(reason)]

@@ -12,7 +12,7 @@ from searches import HALF_AS_FAST, coarse_tables, few_chords, few_coordinates, o
 
 from dobc_design import Network, Problem, Switching, Verdict, certify, certify_settling, simulate
 from dobc_design.certificate.text import certificate_bytes
-from dobc_design.certification.recheck import recheck
+from dobc_design.certification.recheck import recheck, verify_twice
 from dobc_design.checker import cycles as checker_cycles
 from dobc_design.checker import files as checker_files
 from dobc_design.conditions.schedule import propose_cycles
@@ -26,6 +26,7 @@ from dobc_design.conditions.schedule.cycles import (
     unreached_cycles,
     why_not,
 )
+from dobc_design.conditions.schedule.rounds import growth_check
 from dobc_design.conditions.schedule.stage import schedule_stage
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
@@ -385,3 +386,47 @@ def test_weights_settle_where_the_map_shrinks_and_end_where_it_grows_or_takes_to
     assert settled(1.1) is None  # grows for ever
     assert settled(0.9, steps=2) is None  # not within so many steps
     assert propose_cycles._settled(alone, lambda p, x: None, [np.ones(2)], most=1.0, steps=1) is None  # no way on
+
+
+def switched_pair(k: Any, dwell: Any, **more: Any) -> Problem:
+    """e_1' = (1 - k) e_1 - e_2 in A and the same for e_2 in B: two agents that repel each other in turn."""
+    modes = {"A": [[1, 2]], "B": [[2, 1]]}
+    turns = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": dwell}
+    return problem(modes, coupling="-y", n=2, gains={1: k, 2: k}, **turns, **more)
+
+
+@pytest.mark.parametrize("dwell", ["1/10", 1, 3])
+def test_errors_that_grow_from_round_to_round_refute_consensus_and_others_do_not(dwell):
+    """Oracle: the eigenvalues of the product of SciPy's exponentials."""
+    for k in ("1/2", "19/20", "1", "21/20", "3/2"):
+        gain, time = float(Fraction(k)), float(Fraction(dwell))
+        A = expm(time * np.array([[1 - gain, -1], [0, -gain]]))
+        B = expm(time * np.array([[-gain, 0], [-1, 1 - gain]]))
+        radius = np.abs(np.linalg.eigvals(B @ A)).max()
+        found = growth_check(switched_pair(k, dwell), "global")
+        if radius < 1 + 1e-9:
+            assert found is None
+        elif radius > 1.1:
+            assert f"about {radius:.4g} in every round" in found.reason
+
+
+def test_a_sequence_whose_round_expands_is_refuted_in_seconds_by_both_programs():
+    own = switched_pair("1/2", 3)
+    found = certify(own)
+    assert found.verdict is Verdict.REFUTED
+    assert found.reason.startswith(
+        "Consensus fails: errors grow by a factor of about 20.09 in every round of the signal A"
+    )
+    assert verify_twice(found.claims, own).holds
+    assert certify(switched_pair("1/2", 3, region={"initial_states": [0, 0]})).verdict is not Verdict.REFUTED
+
+
+def test_the_second_program_encloses_an_exponential():
+    """Its bound of what the rows miss holds what SciPy gives, and is far below it."""
+    X = [[Fraction(1, 3), Fraction(-2)], [Fraction(5, 2), Fraction(-7, 4)]]
+    rows, missed = checker_cycles.exponential(X)
+    unit = 2**checker_cycles.BITS
+    assert np.array([[Fraction(x, unit) for x in row] for row in rows], dtype=float) == pytest.approx(
+        expm(np.array(X, dtype=float)), rel=1e-12
+    )
+    assert Fraction(missed, unit) < Fraction(1, 10**60)

@@ -1,0 +1,104 @@
+"""The errors of linear couplings over one round of a sequence: e -> M e, and when that is proved to expand.
+
+M is the product of exp((J_p - K) T_p) over the phases, the last one on the left; J_p - K includes the dynamics of the
+agents.  If |tr M^k| > n m then an eigenvalue of M is larger than 1 in size, because tr M^k is the sum of the n m k-th
+powers of eigenvalues.  With eps = 0 errors along its eigenvector grow without bound from every neighbourhood of the
+target, whatever the observer.  Balls of python-flint enclose every exponential, product and trace.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from dobc_design.conditions.check import Check, Values
+from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.consensus.decide import linear_part
+from dobc_design.conditions.schedule.cycles import Phase, guarantee_in_words, phases_of
+from dobc_design.exact.interval import FLINT
+from dobc_design.exact.matrix import Matrix
+from dobc_design.exact.number import to_fmpq
+from dobc_design.problem.problem import Problem
+from dobc_design.verdict import Verdict
+
+if TYPE_CHECKING:
+    from flint import arb_mat
+
+POWERS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # that are tried
+MOST_POWER: Final = 64
+MOST_ROWS: Final = 20  # n m
+MOST_PHASES: Final = 200
+MOST_GROWTH: Final = 1000  # the sum of |J_p - K| T_p over the phases, in the largest row sum
+BITS: Final = 256
+
+
+def growth_check(problem: Problem, domain: str) -> Check | None:
+    """REFUTED, if errors grow from round to round and one of POWERS shows it; None if none does."""
+    for power in POWERS:
+        if (factor := growth(problem, power)) is not None:
+            reason = f"errors grow by a factor of about {factor:.4g} in every round of {guarantee_in_words(problem)}"
+            reason += " (the spectral radius of the linear map of a round)."
+            claim = Values({"power": str(power)})
+            return Check(id="schedule", verdict=Verdict.REFUTED, domain=domain, reason=reason, claim=claim)
+    return None
+
+
+def growth(problem: Problem, power: int) -> float | None:
+    """About the spectral radius of M, where |tr M^power| > n m is proved; None elsewhere."""
+    phases = phases_of(problem)
+    parts = _parts(problem, phases)
+    if parts is None or not 1 <= power <= MOST_POWER:
+        return None
+    from flint import ctx
+
+    size = problem.n * problem.m
+    with FLINT, ctx.workprec(BITS):
+        known = {each: _exponential(*each) for each in set(parts)}
+        whole = known[parts[0]]
+        for each in parts[1:]:
+            whole = known[each] * whole
+        found = whole
+        for _ in range(power - 1):
+            found = found * whole
+        if not bool(abs(found.trace()) > size):
+            return None
+        about = np.array([[float(whole[i, j].mid()) for j in range(size)] for i in range(size)])
+    return float(np.abs(np.linalg.eigvals(about)).max())
+
+
+def _parts(problem: Problem, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fraction]] | None:
+    """J_p - K and the length of every phase; None where the question is another one, or takes long."""
+    one_end = all(phase.longest == phase.shortest and len(phase.successors) == 1 for phase in phases)
+    if not (problem.is_linear and one_end and 0 < len(phases) <= MOST_PHASES and problem.n * problem.m <= MOST_ROWS):
+        return None
+    if sum(phase.first for phase in phases) != 1 or any(each.optional for each in problem.network.modes.values()):
+        return None
+    statements = state_theorems(problem)
+    known = {mode: linear_part(statements, mode) for mode in {phase.mode for phase in phases}}
+    parts = [(known[phase.mode], phase.shortest) for phase in phases]
+    sure = [(A, time) for A, time in parts if A is not None]
+    if len(sure) < len(parts):
+        return None
+    total = sum((max(sum(map(abs, row), Fraction(0)) for row in A) * time for A, time in sure), Fraction(0))
+    return sure if total <= MOST_GROWTH else None
+
+
+def _exponential(A: Matrix, time: Fraction) -> arb_mat:
+    """Enclose exp(A time)."""
+    from flint import arb, arb_mat
+
+    entries: list[Any] = [arb(to_fmpq(x * time)) for row in A for x in row]
+    return arb_mat(len(A), len(A), entries).exp()
+
+
+def confirm_growth(check: Check, problem: Problem, domain: str) -> str | None:
+    """None if a refuted check of the schedule is confirmed, else what is not."""
+    exact = check.exact or {}
+    if set(exact) != {"power"} or check.rate is not None or check.witness is not None or check.domain != domain:
+        return "it is refuted by the power of a trace, and by nothing else"
+    power = exact["power"]
+    if not isinstance(power, str) or power not in {str(k) for k in range(1, MOST_POWER + 1)}:
+        return f"power must be a whole number from 1 to {MOST_POWER}"
+    return None if growth(problem, int(power)) is not None else "the trace of that power does not show that errors grow"

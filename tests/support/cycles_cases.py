@@ -15,6 +15,7 @@ from tube_cases import bent as changed
 from tube_cases import last, settling, tube
 from tube_cases import moved as shifted
 
+from dobc_design import Network
 from dobc_design.problem.groups import Observer
 
 GLOBAL = "global"
@@ -27,6 +28,7 @@ THREE = network({"A": [[2, 1]], "B": [[3, 2]], "C": []}, agents=3)
 WATCHED: Document = {"exosystem": scalar(0), "observer": Observer(W=[[2]])}
 #: e_1' = e_1/2 - e_2 in A, likewise e_2 in B: over both errors grow 20.09 times in 6 s.
 GROWS: Document = {"network": network({"A": [[1, 2]], "B": [[2, 1]]}, agents=2), "coupling": "-y", "gains": "1/2"}
+LOOSE = Network.from_arcs({"A": [[1, 2]], "B": []}, optional={"A": [], "B": [[2, 1]]}, arrow="listens_to", agents=2)
 DWELL: Document = {"guarantee": "dwell", "dwell": 1}
 UNEVEN: Document = {"guarantee": "sequence", "schedule": [[0, "A"], [1, "B"]], "period": 2}
 
@@ -63,6 +65,7 @@ def _settings() -> dict[str, tuple[Document, Document]]:
         "two, for ever": (CHAIN, DWELL),
         "grows": (GROWS, TURNS | {"dwell": 3}),
         "grows, watched": (GROWS | WATCHED, TURNS | {"dwell": 3}),
+        "grows, loose": (GROWS | {"network": LOOSE}, TURNS | {"dwell": 3}),
         "grows, not": (GROWS | {"gains": "11/10"}, TURNS | {"dwell": 3}),
         "grows, curved": (GROWS | {"coupling": "-y - y**3"}, TURNS | {"dwell": 3}),
         "outward": (PAIR | {"coupling": "y"} | plane, DWELL),
@@ -171,6 +174,7 @@ def _growing() -> Iterator[Case]:
     yield _case("grows", HOLDS, grows, "errors grow", **REFUTED)
     yield _case("grows", HOLDS, grows | {"exact": {"power": "64"}}, "errors grow", **REFUTED)
     yield _case("grows, watched", HOLDS, grows, "errors grow", **REFUTED)
+    yield _case("grows, loose", FAILS, grows, "an arc that comes and goes", **REFUTED)
     yield _case("grows, not", FAILS, grows, "they do not grow", **REFUTED)
     for power in ("0", "-1", "3/2", "65"):
         yield _case("grows", FAILS, grows | {"exact": {"power": power}}, f"power {power}", **REFUTED)

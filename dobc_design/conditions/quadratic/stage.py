@@ -33,6 +33,7 @@ from dobc_design.verdict import Verdict
 #: ``SMALL_ROWS`` a full one is found so soon that it is looked for beside other proofs.
 MOST_ROWS: Final = 60
 FULL_ROWS, SMALL_ROWS = 20, 15
+MOST_MODES: Final = 200  # up to which one V is looked for
 CORNER_CHANNELS: Final = 6  # of a mode, up to which the corners of all gains are tried with the P_e found
 #: Where the region is covered: parts of the rate near the consensus that are tried, by bisection; rows n m from which
 #: on fewer are.
@@ -58,6 +59,9 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
         return [undecided_check("lure", asked.domain, reason, applies=False)]
     if rows > MOST_ROWS:
         reason = f"left out, because it takes long with {rows} rows n m; it is examined up to {MOST_ROWS}."
+        return [undecided_check("lure", asked.domain, reason)]
+    if (modes := len(problem.network.modes)) > MOST_MODES:
+        reason = f"left out, because it takes long with {modes} modes; it is examined up to {MOST_MODES}."
         return [undecided_check("lure", asked.domain, reason)]
     many = asked.everything or SMALL_ROWS < rows <= FULL_ROWS  # shapes and interval bounds; or a large full P_e
     work = 3 * STAGE if many else STAGE

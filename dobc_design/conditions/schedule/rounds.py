@@ -9,7 +9,7 @@ target, whatever the observer.  Balls of python-flint enclose every exponential,
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -17,21 +17,16 @@ from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
 from dobc_design.conditions.schedule.cycles import Phase, guarantee_in_words, phases_of
-from dobc_design.exact.interval import FLINT
+from dobc_design.exact.exponential import expanding_product
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import to_fmpq
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
-
-if TYPE_CHECKING:
-    from flint import arb_mat
 
 POWERS: Final = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # that are tried
 MOST_POWER: Final = 64
 MOST_ROWS: Final = 20  # n m
 MOST_PHASES: Final = 200
 MOST_GROWTH: Final = 1000  # the sum of |J_p - K| T_p over the phases, in the largest row sum
-BITS: Final = 256
 
 
 def growth_check(problem: Problem, domain: str) -> Check | None:
@@ -51,21 +46,8 @@ def growth(problem: Problem, power: int) -> float | None:
     parts = _parts(problem, phases)
     if parts is None or not 1 <= power <= MOST_POWER:
         return None
-    from flint import ctx
-
-    size = problem.n * problem.m
-    with FLINT, ctx.workprec(BITS):
-        known = {each: _exponential(*each) for each in set(parts)}
-        whole = known[parts[0]]
-        for each in parts[1:]:
-            whole = known[each] * whole
-        found = whole
-        for _ in range(power - 1):
-            found = found * whole
-        if not bool(abs(found.trace()) > size):
-            return None
-        about = np.array([[float(whole[i, j].mid()) for j in range(size)] for i in range(size)])
-    return float(np.abs(np.linalg.eigvals(about)).max())
+    whole = expanding_product(parts, power)
+    return None if whole is None else float(np.abs(np.linalg.eigvals(np.array(whole))).max())
 
 
 def _parts(problem: Problem, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fraction]] | None:
@@ -83,14 +65,6 @@ def _parts(problem: Problem, phases: tuple[Phase, ...]) -> list[tuple[Matrix, Fr
         return None
     total = sum((max(sum(map(abs, row), Fraction(0)) for row in A) * time for A, time in sure), Fraction(0))
     return sure if total <= MOST_GROWTH else None
-
-
-def _exponential(A: Matrix, time: Fraction) -> arb_mat:
-    """Enclose exp(A time)."""
-    from flint import arb, arb_mat
-
-    entries: list[Any] = [arb(to_fmpq(x * time)) for row in A for x in row]
-    return arb_mat(len(A), len(A), entries).exp()
 
 
 def confirm_growth(check: Check, problem: Problem, domain: str) -> str | None:

@@ -205,21 +205,25 @@ FEW_AGENTS = 2000  # networks of more are large: less accuracy is worth the time
 # A factorisation is cheap for few agents, and where the network is little more than lines and rings.
 FACTORED_AGENTS, FEW_ENTRIES = 500, 4
 # Accuracy and steps of the iteration elsewhere.  It converges slowly only at rates next to one that is out of reach.
-ACCURACY, ROUGH, MOST_ITERATIONS = 1e-4, 0.03, 150
+ACCURACY, VERY_ROUGH, MOST_ITERATIONS = 1e-4, 0.1, 150
 # Newton's residual as a part of the terms, and how far a step may fall where it has to rise, by rounding.
 TIGHT, LOOSE = (1e-12, 1e-9), (1e-6, 1e-2)
-INVERSE_STEPS = 4  # for the rate of linear couplings
+INVERSE_STEPS, FIRST = 2, 8.0  # for the rate of linear couplings; how much less is tried first
+# Of large networks: the part of the rate that a row may miss, on the way and in the end; how far a step may fall where
+# it has to rise, and the accuracy of a step.
+MISSED, MISSED_AT_LAST, FALLEN, STEP_ACCURACY = 0.1, 0.01, 0.05, 0.03
+MOST_STEPS = 15
 
 
 def linear_rate(field: Field) -> float:
-    """An estimate of the largest rate that the couplings would have if they were linear, with their slopes at 0 (1/s).
-    No v has more for any s: next to 0 the rows are those of these slopes.  Symmetric ones are estimated from above."""
+    """A rough estimate of the largest rate that the couplings would have if they were linear, with their slopes at 0
+    (1/s).  No v has more for any s: next to 0 the rows are those of these slopes."""
     v = np.ones(field.size)
     _, jacobian, _ = field.rows(v, alpha=0.0)
     everybody = np.ones(field.size, dtype=bool)
     found = float(np.max(field.gains))
     for _ in range(INVERSE_STEPS):
-        step = solved(jacobian, v, everybody, accuracy=ROUGH)
+        step = solved(jacobian, v, everybody, accuracy=VERY_ROUGH)
         if step is None or not np.all(step > 0):
             break
         v = step / np.max(step)
@@ -254,6 +258,29 @@ def least_solution(
     return None
 
 
+def rough_solution(field: Field, *, alpha: float, start: Array, part: float = MISSED) -> tuple[float, Array] | None:
+    """Nearly the least v >= 1 with the rate alpha, and the rate that it has, which is a little less; None if Newton
+    from ``start`` finds none.  ``part``: of the rate, that may be missing.  For large networks, where every step takes
+    many products and few digits of v matter."""
+    v = start.copy()
+    for _ in range(MOST_STEPS):
+        residual, jacobian, _ = field.rows(v, alpha=alpha)
+        missed = float(np.max(residual / v, initial=0.0))
+        if missed <= part * alpha:
+            return alpha - missed, v
+        raised = residual > 0
+        step = solved(jacobian, residual, raised | (v > 1.0), accuracy=STEP_ACCURACY)
+        if step is None:
+            return None
+        proposed = np.maximum(1.0, v + step)
+        if np.any(proposed[raised] < v[raised] * (1 - FALLEN)) or not np.all(np.isfinite(proposed)):
+            return None
+        v = np.minimum(proposed, 2 * v)
+        if np.max(v) > LARGEST_V:
+            return None
+    return None
+
+
 def solved(jacobian: Any, residual: Array, active: Any, *, accuracy: float = ACCURACY) -> Array | None:
     """One Newton step on the active agents; None if their matrix is singular."""
     places = np.flatnonzero(active)
@@ -284,7 +311,10 @@ LARGE = 400
 LARGEST_RADIUS = 1e150
 # (agents, relative accuracy of alpha that is still worth the time); for more agents.
 CLOSE = ((300, 1e-5), (2000, 1e-3))
-CLOSE_LARGE = 0.05
+# Of large networks: how close to a rate that is out of reach nothing more is tried, after a success and after a
+# failure; how much less is tried where none is found yet, how much more at least and at most where one is; the part of
+# the rate of linear couplings that is aimed at.
+CLOSE_LARGE, NEAR_ENOUGH, FALL, GROWTH, LEAP, GOAL = 0.1, 1.2, 2.5, 1.3, 4.0, 0.65
 # kappa is chosen for the rate that v has, or where the observer is slower for one that suits both.
 ROUNDS = 6
 ABOVE = 1.005  # how much faster than N the observer's part is to be
@@ -295,9 +325,9 @@ SLOWEST = 1e-6  # rates below this part of the largest gain are not looked for
 # Weights above which v is steep, and the parts of the rate that are tried in its place.
 STEEP, FLATTER = 100.0, (0.9, 0.7, 0.4, 0.1, 0.02)
 ROUNDING = 1e-15  # of h, absolutely
-# v of a smaller factor are flat.  Rates that are tried for the least time to one percent, of few and of many agents;
-# the part of the time from which on a slower rate is not worth it.
-FLAT, SOONER, SOONER_LARGE, WORTH_IT = 1.05, 8, 2, 0.995
+# v of a smaller factor are flat.  Rates that are tried for the least time to one percent of few agents; the part of the
+# time from which on a slower rate is not worth it.
+FLAT, SOONER, WORTH_IT = 1.05, 8, 0.995
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -308,6 +338,7 @@ class SeparablePlan:
     rate: float
     rho: Fraction
     error: ErrorBound | None = None
+    slower: tuple[tuple[float, Array], ...] = ()  # smaller rates that were found on the way, with their v
 
     @property
     def whole_rate(self) -> float:
@@ -345,35 +376,65 @@ def propose_separable(
         if best is None or high <= 0:
             return None
         if problem.n > FEW_AGENTS:
-            # Few trials, beginning at ``near``, or at half the rate that linear couplings would have.
-            first = linear_rate(field) / 2 if near is None else near * (1 - CLOSE_LARGE)
-            growth = 1.5 if near is None else 1 + 2 * CLOSE_LARGE
-            rate, best = _fastest(field, best, close=CLOSE_LARGE, first=first, fall=4.0, growth=growth)
-        elif (whole := least_solution(field, alpha=high, start=best)) is not None:
+            first = linear_rate(field) / FIRST if near is None else near
+            found = rough_rates(field, first=first)
+            if not found:
+                return None
+            (rate, best), slower = found[-1], tuple(found[:-1])
+            return SeparablePlan(v=best, rate=rate, rho=Fraction(rho), slower=slower)
+        if (whole := least_solution(field, alpha=high, start=best)) is not None:
             rate, best = high, whole
         else:
             rate, best = _fastest(field, best, close=next(part for size, part in CLOSE if problem.n <= size))
     return SeparablePlan(v=best, rate=rate, rho=Fraction(rho)) if rate else None
 
 
-def _fastest(
-    field: Field,
-    best: Array,
-    *,
-    close: float,
-    first: float = math.inf,
-    fall: float = 8.0,
-    growth: float = math.inf,
-) -> tuple[float, Array]:
+def rough_rates(field: Field, *, first: float) -> list[tuple[float, Array]]:
+    """Rates that are found for a large network, rising, with their v; the last is about the largest that is worth its
+    v.  Few trials, each from the v before it, the first at the rate ``first``."""
+    found = list[tuple[float, Array]]()
+    high = float(np.max(field.gains))
+    slowest = SLOWEST * high
+    low, alpha = 0.0, min(first, high * (1 - CLOSE_LARGE))  # low: the last one with a v
+    start = np.ones(field.size)
+    while high > slowest and alpha > 0:
+        each = rough_solution(field, alpha=alpha, start=start)
+        if each is None:
+            high = alpha
+            if low and high <= low * NEAR_ENOUGH:
+                break
+            alpha = (low + high) / 2 if low else high / FALL
+            continue
+        if found and _later(each, found[-1]):
+            break
+        found.append(each)
+        low, start = alpha, each[1]
+        # Of linear couplings the largest v is 1 / (1 - rate/mu), where mu is the largest rate.
+        used = 1 - 1 / float(np.max(start))
+        alpha = low * max(GOAL / max(used, GOAL / LEAP), GROWTH)
+        if alpha > high * (1 - CLOSE_LARGE):
+            alpha = (low + high) / 2
+        if alpha <= low * (1 + CLOSE_LARGE):
+            break
+    last = rough_solution(field, alpha=low, start=start, part=MISSED_AT_LAST) if found else None
+    return found if last is None else [*found[:-1], last]
+
+
+def _later(each: tuple[float, Array], before: tuple[float, Array]) -> bool:
+    """Whether a rate is hardly worth its v: one percent is not reached much earlier than with the one before."""
+    now, then = (time_to_one_percent(rate, float(np.max(v))) for rate, v in (each, before))
+    return now > then * WORTH_IT
+
+
+def _fastest(field: Field, best: Array, *, close: float) -> tuple[float, Array]:
     """The largest rate, up to ``close``, and its v; 0 and ``best``, the v for 0, if there is none.  The rate may be
-    many powers of ten below the gains: divide by ``fall`` first, then evenly, but no step up is more than
-    ``growth``."""
+    many powers of ten below the gains: divide by 8 first, then evenly."""
     low, high = 0.0, float(np.max(field.gains))
-    slowest, middle = SLOWEST * high, high / fall if first == math.inf else min(first, high)
+    slowest, middle = SLOWEST * high, high / 8
     while high > slowest and not (low and high - low <= close * low):
         found = least_solution(field, alpha=middle, start=best)
         low, high, best = (low, middle, best) if found is None else (middle, high, found)
-        middle = min((low + high) / 2, low * growth) if low else high / fall
+        middle = (low + high) / 2 if low else high / 8
     return low, best
 
 
@@ -446,9 +507,12 @@ def sooner_plan(
     if plan.factor < FLAT or longest <= 0:
         return plan
     best = plan
+    if problem.n > FEW_AGENTS:  # another v takes long
+        known = [plan, *(replace(plan, v=v, rate=rate) for rate, v in plan.slower)]
+        best = min(known, key=lambda each: each.time)
+        return best if best.time <= plan.time * WORTH_IT else plan
     with np.errstate(all="ignore"):
         field = field_of(problem, rho=float(plan.rho))
-        most = SOONER if problem.n <= FEW_AGENTS else SOONER_LARGE
 
         def at(rate: float) -> float:
             nonlocal best
@@ -460,10 +524,10 @@ def sooner_plan(
             return found.time
 
         # Slower ones are later even with v = 1.
-        golden_section(at, longest * math.log(100) / math.log(100 * plan.factor), longest, steps=most)
+        golden_section(at, longest * math.log(100) / math.log(100 * plan.factor), longest, steps=SOONER)
         if best.time > plan.time * WORTH_IT:
             return plan
-        if best.error is None or problem.joint_exosystem is None or W is None or problem.n > FEW_AGENTS:
+        if best.error is None or problem.joint_exosystem is None or W is None:
             return best
         # A slower V leaves kappa less to do, and then rho is smaller.
         error = propose_error_bound(problem.joint_exosystem, W, rate=best.whole_rate)

@@ -153,18 +153,20 @@ def test_no_certificate_comes_out_of_vectors_that_do_not_hold():
 
 
 @pytest.mark.parametrize("h", [pytest.param(PAPER, marks=pytest.mark.slow), "sin(y)"])
-def test_the_search_for_many_agents_comes_near_the_rate_of_that_for_few(monkeypatch, h: str):
-    """A grid of 6 x 6 agents that hear their neighbours, every fifth pinned, by both; near 5 %."""
+def test_the_search_for_many_agents_comes_near_that_for_few(monkeypatch, h: str):
+    """A grid of 6 x 6 agents that hear their neighbours, every fifth pinned: the time to one percent is near."""
     side = range(6)
     steps = [(a, b, *to) for a in side for b in side for to in ((a + 1, b), (a - 1, b), (a, b + 1), (a, b - 1))]
     arcs = [[6 * a + b + 1, 6 * c + d + 1] for a, b, c, d in steps if c in side and d in side]
     problem = listening(arcs, h, n=36, gains=dict.fromkeys(range(1, 37, 5), 3), target=0)
-    exact = propose_separable(problem, rho=1.2).rate
+    few = propose_separable(problem, rho=1.2)
+    exact = few.rate
     monkeypatch.setattr(propose, "FEW_AGENTS", 0)
     monkeypatch.setattr(propose, "FACTORED_AGENTS", 0)
     for near in (None, 1.3 * exact, 0.5 * exact):
         proposal = propose_separable(problem, rho=1.2, near=near)
-        assert 0.9 * exact <= proposal.rate <= exact * 1.001
+        assert 0.8 * exact <= proposal.rate <= exact * 1.001
+        assert proposal.time <= 1.1 * few.time
         field, v = field_of(problem, rho=1.2), proposal.v
         rates = [np.min(field.gains - field.values(0, face, v) / v) for face in (1, -1)]
         assert min(rates) >= 0.99 * proposal.rate

@@ -1,4 +1,4 @@
-"""JSON of other programs, given as a problem or as a certificate, is named as what it is."""
+"""Files of other programs, given as a problem or as a certificate, are named as what they are."""
 
 import json
 
@@ -49,3 +49,20 @@ def test_a_certificate_given_as_a_problem_and_the_other_way_round(tmp_path):
         dd.load_problem(path)
     with pytest.raises(CertificateError, match="is not a certificate but a problem of dobc_design"):
         dd.verify(canonical_bytes(problem), problem)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("net.csv", "'net.csv' is a file of arcs, not a problem file.*--from FILE --arrow listens_to"),
+        ("net.graphml", "is a file of arcs"),
+        ("case9.m", "'case9.m' is a MATPOWER case, not a problem file.*`dobc new NAME --from FILE` makes"),
+    ],
+)
+def test_a_network_given_as_a_problem_file_says_how_it_becomes_one(name, said, tmp_path):
+    (tmp_path / name).write_text("a,b\n")
+    with pytest.raises(SpecError, match=said):
+        dd.load_problem(tmp_path / name)
+    (tmp_path / "mine.txt.toml").write_text("a,b\n")
+    with pytest.raises(SpecError, match="not valid TOML"):
+        dd.load_problem(tmp_path / "mine.txt.toml")

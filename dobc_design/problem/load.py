@@ -365,8 +365,9 @@ def read_problem_file(path: Path) -> Problem:
     """Read a problem from a TOML file, or from a canonical problem.json.  Raises: SpecError naming key and cure."""
     if path.suffix.lower() == ".json":  # it holds the arcs, too
         return problem_from_canonical(read_bytes(path, limit=arcs_file.MAX_BYTES), name=path.name)
-    if path.suffix.lower() in (*arcs_file.READERS, ".m") and path.is_file():
-        arcs = path.suffix.lower() != ".m"
+    suffix = path.suffix.lower()
+    if suffix in (*arcs_file.READERS, ".m") and suffix != ".txt" and path.is_file():  # a .txt may hold TOML
+        arcs = suffix != ".m"
         what = f"{shown(path.name)} is {'a file of arcs' if arcs else 'a MATPOWER case'}, not a problem file."
         arrow = " --arrow listens_to (or sends_to)" if arcs else ""
         cure = f"`dobc new NAME --from FILE{arrow}` makes a problem of it; in Python problem_from_file does."

@@ -63,6 +63,6 @@ def test_a_network_given_as_a_problem_file_says_how_it_becomes_one(name, said, t
     (tmp_path / name).write_text("a,b\n")
     with pytest.raises(SpecError, match=said):
         dd.load_problem(tmp_path / name)
-    (tmp_path / "mine.txt.toml").write_text("a,b\n")
+    (tmp_path / "mine.txt").write_text("a,b\n")  # which may be a problem file
     with pytest.raises(SpecError, match="not valid TOML"):
-        dd.load_problem(tmp_path / "mine.txt.toml")
+        dd.load_problem(tmp_path / "mine.txt")

@@ -30,7 +30,7 @@ from pinning import large_design, pinning_bars, shared_design
 from reduced import solve_reduced
 from simulation import simulation_bars
 
-from dobc_design import Exosystem, Network, Problem
+from dobc_design import Exosystem, Network, Problem, Switching, certify
 from dobc_design.conditions.consensus.claim import reduced, state_theorems
 from dobc_design.exact.cholesky import Scaled, bad_direction, proves_by_integers, scaled
 from dobc_design.exact.symmetric import SparseSymmetric
@@ -87,6 +87,7 @@ def bars() -> Iterator[Bar]:
     yield against_elimination(f"{paths} factor with integer rest, n = 200 dense", gram(200), by_integer_rest, bar=100)
     yield against_elimination(f"{paths} vector v > 0, n = 1000 ring, 200 chords", ring(1000), by_vector, bar=100)
     yield help_bar("dobc --help vs python -c 'import numpy'")
+    yield schedule_bar("certify a sequence without repetition, 100 vs 30 phases of 3 agents")
     for row in chain(pinning_bars(), simulation_bars()):
         yield Bar(**row)
     for row in whole_bars():
@@ -169,6 +170,21 @@ def help_bar(what: str) -> Bar:
     times = [(of_child(HELP), of_child("import numpy")) for _ in range(16)][1:]  # the first pair warms the disk cache
     ours, theirs = (statistics.median(column) for column in zip(*times, strict=True))
     return Bar(what=what, bar=2, ratio=ours / theirs, ceiling=True, note=f"{ours:.3g} s / {theirs:.3g} s")
+
+
+def schedule_bar(what: str) -> Bar:
+    """The check of the weights and its decision, in both programs."""
+    few, many = (median_of(partial(certify, turns(count)), repeats=3) for count in (30, 100))
+    return Bar(what=what, bar=3.6, ratio=many / few, ceiling=True, note=f"{many:.3g} s / {few:.3g} s")
+
+
+def turns(count: int) -> Problem:
+    """Three agents, of whom one is not reached in each mode; the modes follow each other at random."""
+    random = Random(count)
+    sequence = ["A", "B", *(random.choice("AB") for _ in range(count - 3)), "B"]
+    network = Network.from_arcs({"A": [[2, 1]], "B": [[3, 2]]}, arrow="listens_to", agents=3)
+    switching = Switching(guarantee="sequence", dwell="1/10", sequence=sequence)
+    return Problem(network=network, coupling="y", gains={1: 3}, switching=switching)
 
 
 def median_of(function: Callable[[], Any], *, repeats: int, inner: int = 1) -> float:

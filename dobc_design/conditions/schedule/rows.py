@@ -38,6 +38,9 @@ from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
 
 HALVINGS: Final = 11  # of a segment
+# Parts of each segment, and besides, that may be left to halve: more are left only where a claim is false.
+PARTS: Final = 8
+FEW: Final = 500
 CELLS: Final = 2048  # of the tables: near the target rows have little room
 MARGIN: Final = Fraction(1, 2**20)  # by which tables reach further than boxes
 TOGETHER: Final = 2_000_000  # arcs that are looked at in one go
@@ -180,6 +183,8 @@ class MovingRows:
             left = self._open_parts(boxes, slopes, load, parts, low, high)
             if not len(left):
                 return []
+            if len(left) > PARTS * len(places) + FEW:  # a row that fails all along, not in one place
+                return sorted(set(parts[0][left].tolist()))
             segments, first, width = (np.repeat(each[left], 2) for each in parts)
             parts = segments, first + np.tile([0.0, 0.5], len(left)) * width, width / 2
         return sorted(set(parts[0].tolist()))

@@ -27,6 +27,7 @@ from dobc_design.conditions.schedule.cycles import (
     why_not,
 )
 from dobc_design.conditions.schedule.rounds import growth_check
+from dobc_design.conditions.schedule.rows import Box, moving_rows
 from dobc_design.conditions.schedule.stage import schedule_stage
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
@@ -430,3 +431,18 @@ def test_the_second_program_encloses_an_exponential():
         expm(np.array(X, dtype=float)), rel=1e-12
     )
     assert Fraction(missed, unit) < Fraction(1, 10**60)
+
+
+def test_a_false_claim_is_not_halved_all_along():
+    """A row that fails everywhere on 1000 segments: without a bound 2^11 parts of each are looked at."""
+    own = problem({"A": [[2, 1]], "B": [[3, 2]]}, guarantee="sequence", sequence=["A", "B"], dwell=1)
+    rows = moving_rows(own, ONE, ["A"])
+    v = [
+        tuple(Fraction(2000 - k, 2000) for _ in range(3)) for k in range(1001)
+    ]  # all weights fall, agent 2 is held by 1
+    times = [Fraction(k, 1000) for k in range(1001)]
+    with at_most(10**6):
+        open_ones = rows.open_segments(Box.of(v, v), times, np.zeros(1001))
+        account = work._ACCOUNT.get()
+    assert open_ones == list(range(1000))
+    assert account.granted - account.left < 30_000

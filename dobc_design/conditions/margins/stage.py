@@ -105,7 +105,8 @@ def _given(asked: Asked) -> Errors | None:
 
 def _tolerance(asked: Asked, proof: Check | None) -> Check:
     problem, given, why = asked.problem, _given(asked), decide.why_not_local(asked.problem)
-    if sum(map(len, problem.network.modes.values())) > TIMED_ARCS:
+    large = sum(map(len, problem.network.modes.values())) > TIMED_ARCS
+    if large and given is None:
         reason = f"left out: the network is large; tolerances are examined up to {TIMED_ARCS} arcs."
         return undecided_check("tolerance", asked.domain, reason)
     local = why is None and (not problem.groups or asked.W is not None)
@@ -121,7 +122,7 @@ def _tolerance(asked: Asked, proof: Check | None) -> Check:
     except UndefinedError as error:
         return undecided_check("tolerance", asked.domain, f"the slopes of the coupling are not bounded: {error}")
     claim, part = (find(given), _ZERO) if given is not None else (None, _ZERO)
-    if claim is None:
+    if claim is None and not large:
         direction = given or Errors(Fraction(1), Fraction(1))
         part, claim = _largest(lambda part: find(Errors(*(part * x for x in direction))))
     if claim is None or (given is not None and part):
@@ -175,9 +176,10 @@ def _in_region(asked: Asked, base: Separable) -> Callable[[Errors], Tolerance | 
         if verify_separable(problem, replace(base, alpha=alpha), errors=errors).verdict is not Verdict.PROVED:
             return None
         alpha -= kept / 2
-        best = (
-            largest_rate(problem, base.v, rho=base.rho, errors=errors) if errors == _given(asked) else None
-        ) or _ZERO
+        best = None
+        if errors == _given(asked):
+            best = largest_rate(problem, base.v, rho=base.rho, errors=errors)
+        best = best or _ZERO
         return Tolerance(errors=errors, alpha=max(alpha, best * (1 - IN_HAND)), eta=eta)
 
     return find

@@ -16,6 +16,7 @@ from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.coverage import read_region
+from dobc_design.conditions.margins import stage
 from dobc_design.conditions.margins.decide import _amplitude, largest_disturbance
 from dobc_design.conditions.margins.stage import margins_stage
 from dobc_design.conditions.separable.claim import Errors, Separable, rows
@@ -123,6 +124,17 @@ def test_a_table_is_proved_and_a_larger_one_is_not():
     far = tolerance(TWO.replace(region=WIDE, uncertainty={"weights": "0.09", "gains": "0.09"}), beside=near)
     assert far.verdict is Verdict.UNDECIDED
     assert "times these errors it is proved" in far.reason
+
+
+@pytest.mark.parametrize("states", [True, False], ids=["stated", "not stated"])
+def test_large_networks_are_asked_for_stated_errors_only(states: bool, monkeypatch: pytest.MonkeyPatch):
+    """Deciding one pair of errors is linear in the arcs; looking for the largest takes many."""
+    monkeypatch.setattr(stage, "TIMED_ARCS", 1)
+    plain = TWO.replace(region=SMALL)
+    problem = plain.replace(uncertainty={"weights": "0.01"}) if states else plain
+    asked = read_region(problem, problem.observer.W, domain="consensus", everything=False)
+    told = margins_stage(asked, list(certified(plain).checks), str)
+    assert [check.verdict for check in told] == ([Verdict.PROVED] if states else [])
 
 
 def test_without_a_table_the_largest_common_error_is_found():

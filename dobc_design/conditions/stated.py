@@ -112,10 +112,11 @@ def _why(problem: Problem, check: Check | None) -> str:
         return "nothing is proved about it."
     if check.verdict is not Verdict.PROVED:
         return check.reason
-    domain = check.domain if isinstance(check.domain, Mapping) else {}
-    starts = f"|e_i| <= {domain.get('radius'):.6g}"
+    if not isinstance(check.domain, Mapping):
+        return "this is proved near the target only, and a region is asked for."
+    starts = f"|e_i| <= {check.domain['radius']:.6g}"
     if problem.groups:
-        starts += f" and |eps_i| <= {domain.get('disturbance'):.6g}"
+        starts += f" and |eps_i| <= {check.domain['disturbance']:.6g}"
     return f"this is proved only from {starts}, and the region is larger."
 
 

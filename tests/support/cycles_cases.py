@@ -189,6 +189,9 @@ def _good() -> Iterator[Case]:
     for name in ("chain", "chain, listed", "chain, in rounds", "chain, by period", "chain, every mode"):
         yield _case(name, HOLDS, CHAINED, "true")
     yield _case("chain", HOLDS, moved(CHAINED, 0, 1, 0, "0.5001"), "agent 1 slower")
+    # 4 until 1 s: 4 exp(0.1177) = 4.49963, beside 27/8 exp(0.1177) of the second phase.
+    for factor, code in ((4.4997, HOLDS), (4.4996, FAILS)):
+        yield _case("chain", code, CHAINED | {"factor": factor}, f"a factor of {factor}", factor=factor)
     slower = retimed(CHAINED, ["0", "3/2"], B_STARTS, B_ENDS, p=1, rate=0.113)
     slower["rate"] = 0.113
     slower["exact"]["rate"] = "0.113"

@@ -198,6 +198,8 @@ def _bent_means() -> Iterator[Case]:
     yield _case("link, slow observer", FAILS, bent(SQUARE, own="3/8"), "a slower observer")
     for name in ("curved", "link, any signal", "link, one mode", "list"):
         yield _case(name, FAILS, MEAN, "in the mean")
+    # Without a weight nothing is said of agent 2, and no row asks for one.
+    yield _case("link", FAILS, bent(MEAN, w={"A": ["1", "0"], "B": ["1", "0"]}), "a weight of 0")
     # -y: agent 2 grows in A, unless the sign is overlooked: -w_A2 counts +1.
     yield _case("link, falling", FAILS, MEAN, "falling")
     falls: Document = {"A": ["1", "1e-9"], "B": ["1", "1"]}

@@ -128,6 +128,8 @@ def margins_cases() -> list[Case]:
         bent(near, "tolerance", gains="1/20"),
         bent(near, "tolerance", weights="2"),
         bent(near, "tolerance", eta="0"),
+        bent(near, "tolerance", v=["1"], alpha="2", rate=1, domain="consensus", code=HOLDS),
+        bent(near, "tolerance", v=["0"], alpha="2", rate=1, domain="consensus"),
         bent(kinked, "tolerance", v=["1"], domain="consensus"),
         bent(unknown, "tolerance", v=["1", "2"], alpha="1/10", rate=None, domain="consensus"),
         bent(limited, "actuators", without="max-separable"),

@@ -114,7 +114,7 @@ def weighted_cases() -> list[Case]:
     ]
     found = [case(name, "line", check, code) for name, check, code in lines]
     # With D = (1/2, 1) N w = (w_1 - w_2, 2 w_2 - w_1), and the arc adds (w_1 - w_2/2, -w_1/2) or nothing.
-    for name, w, code in (("by hand", ["5", "4"], HOLDS), ("the arc is not always there", ["1", "1"], FAILS)):
+    for name, w, code in (("by hand", ["5", "4"], HOLDS), ("the arc is not always there", ["1/2", "1/2"], FAILS)):
         check = weighted(None, "theorem2-weighted", D=["1/2", "1"], w={"G": w})
         found.append(case(name, "comes and goes", check, code))
     found += [

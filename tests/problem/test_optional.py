@@ -221,7 +221,7 @@ DRAWN = Switching(guarantee="markov", generator=[[-1, 1], [1, -1]])
         ({"A": [[3, 2]], "B": [[2, 1]]}, {"A": [[1, 2]], "B": [[1, 3], [2, 3]]}, TURNS, Verdict.PROVED),
         ({"A": [[2, 1]], "B": []}, {"B": [[3, 2]]}, TURNS, Verdict.REFUTED),  # never on: agent 3 hears nobody
         ({"A": [[3, 2]], "B": [[2, 1]]}, {"A": [[1, 2]]}, DRAWN, Verdict.PROVED),
-        ({"A": [[2, 1]], "B": [[2, 1]]}, {"B": [[3, 2]]}, DRAWN, Verdict.UNDECIDED),
+        ({"A": [[2, 1]], "B": [[2, 1]]}, {"B": [[3, 2]]}, DRAWN, Verdict.REFUTED),  # as well
     ],
 )
 def test_beside_a_guarantee(arcs: Any, optional: Any, switching: Switching, verdict: Verdict):

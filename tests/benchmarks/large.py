@@ -4,8 +4,10 @@ The unit is one product of the n x n matrix of the arcs (CSR) with a vector, mea
 """
 
 import json
+import resource
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
@@ -30,7 +32,15 @@ from dobc_design.exact.zmatrix import float_rows
 SIZE = 100_000
 MILLION = 1_000_000
 DEGREE = 12.0  # of the geometric network, on average; few agents are then alone
+LOOSE_DEGREE = 7.07  # more are alone: 704,568 arcs of 1e5 agents
 GAIN = 3
+DISTURBED = """initial_disturbance = 0.5
+[exosystem]
+A = [[0, 2], [-2, 0]]
+C = [[1, 0]]
+[observer]
+W = [["16/5"], ["12/5"]]
+"""
 DISTURBANCE = Fraction(1, 2)
 KINDS = ("ring", "small world", "scale free", "geometric")
 # The whole way in a fresh process each: a problem file with its arcs in a CSV file, certify, write, read, check again.
@@ -124,6 +134,53 @@ def whole_bars() -> Iterator[dict[str, Any]]:
         "ratio": whole / half,
         "note": note,
     }
+
+
+def size_bars() -> Iterator[dict[str, Any]]:
+    """`certify` as a process, CPU time with the start of Python: geometric networks, refused and proved, of 1e5 agents
+    in seconds and beside half as many; and what the report of a small problem costs beside its proof."""
+    for word, seconds, growth in (("refused", 25, 2.4), ("proved", 20, 2.2)):
+        with tempfile.TemporaryDirectory() as folder:
+            half, whole = (
+                certify_seconds(geometric_file(n, folder, refused=word == "refused")) for n in (SIZE // 2, SIZE)
+            )
+        what, note = f"certify, geometric, tanh, {word}", f"{whole:.3g} s / {half:.3g} s"
+        yield {"what": f"{what}, 1e5 agents vs 5e4", "bar": growth, "ratio": whole / half, "note": note}
+        yield {"what": f"{what}, 1e5 agents, CPU in s", "bar": seconds, "ratio": whole}
+    alone = min(certify_seconds("clock-sync") for _ in range(5))
+    both = min(certify_seconds("clock-sync", report=True) for _ in range(5))
+    note = f"{both:.3g} s - {alone:.3g} s"
+    yield {"what": "the report of clock-sync, CPU in s", "bar": 2, "ratio": both - alone, "note": note}
+
+
+def certify_seconds(problem: str, *, report: bool = False) -> float:
+    """CPU time of `dobc certify` in a process of its own."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with tempfile.TemporaryDirectory() as out:
+        command = ["certify", problem, "--out", out, "--quiet", *([] if report else ["--no-report"])]
+        subprocess.run([sys.executable, "-m", "dobc_design", *command], check=False, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def geometric_file(n: int, folder: str, *, refused: bool) -> str:
+    """A problem file, one agent in ten pinned; ``refused``: also where that leaves some unreached, and with a
+    disturbance, so that a cure of the theorem is looked for."""
+    listeners, speakers = geometric(n, degree=LOOSE_DEGREE)
+    graph = sp.csr_array((np.ones(len(listeners)), (listeners, speakers)), shape=(n, n))
+    pinned = set(np.random.default_rng(n).choice(n, n // 10, replace=False).tolist())
+    pinned |= set() if refused else set(_first_agents(graph))
+    pairs = zip(listeners.tolist(), speakers.tolist(), strict=True)
+    Path(folder, "arcs.csv").write_text("from,to\n" + "".join(f"{i + 1},{j + 1}\n" for i, j in pairs), "utf-8")
+    pins = "".join(f"{i + 1} = {GAIN}\n" for i in sorted(pinned))
+    file = Path(folder, f"{n}.toml")
+    file.write_text(
+        f'name = "geometric"\ntarget = 0\n[network]\nagents = {n}\narrow = "listens_to"\n[network.modes]\n'
+        'G = { file = "arcs.csv" }\n[coupling]\nh = "tanh(y)"\n[region]\ninitial_states = [-1, 1]\n'
+        f"{DISTURBED if refused else ''}[pinning.gains]\n{pins}",
+        "utf-8",
+    )
+    return str(file)
 
 
 def grid(n: int, edges: int) -> Problem:
@@ -279,10 +336,10 @@ def small_world(n: int) -> tuple[Any, Any]:
     return _both_ways(first, second, n)
 
 
-def geometric(n: int) -> tuple[Any, Any]:
+def geometric(n: int, *, degree: float = DEGREE) -> tuple[Any, Any]:
     """Agents in the unit square that hear each other within one distance."""
     pairs = cKDTree(np.random.default_rng(n).random((n, 2))).query_pairs(
-        np.sqrt(DEGREE / (np.pi * n)), output_type="ndarray"
+        np.sqrt(degree / (np.pi * n)), output_type="ndarray"
     )
     return _both_ways(pairs[:, 0], pairs[:, 1], n)
 

@@ -24,7 +24,7 @@ for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "
 sys.path.append(str(Path(__file__).resolve().parents[1] / "support"))
 
 from block_lmi import solve_dense
-from large import lambda_rows, weighted_rows, whole_bars
+from large import lambda_rows, size_bars, weighted_rows, whole_bars
 from peers import peer_table
 from pinning import large_design, pinning_bars, shared_design
 from reduced import solve_reduced
@@ -90,7 +90,7 @@ def bars() -> Iterator[Bar]:
     yield schedule_bar("certify a sequence without repetition, 100 vs 30 phases of 3 agents")
     for row in chain(pinning_bars(), simulation_bars()):
         yield Bar(**row)
-    for row in whole_bars():
+    for row in chain(whole_bars(), size_bars()):
         yield Bar(**row, ceiling=True)
 
 

@@ -310,6 +310,7 @@ def _price(row: Row, profiles: Sequence[Profile]) -> int:
 
 def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
     """An upper bound of sum w phi for linear couplings, where phi does not depend on s; exact if slopes are."""
+    spend(0)  # there may be rows of very many modes
     total = _ZERO
     for term in row.terms:
         slope = jet(profiles[term.coupling].curve, ZERO).slope

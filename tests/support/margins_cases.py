@@ -39,12 +39,29 @@ def _inputs(problem: Problem) -> dict[str, str]:
     return dict(actuators["exact"]["inputs"])
 
 
+def _slower(problem: Problem, part: str) -> dict[str, Any]:
+    """alpha = kappa eta + r/2 of a tolerance, r the rate that max-separable gives, and this part of r as the rate: at
+    most 1/2 follows."""
+    checks = {each["id"]: each for each in json.loads(_made(problem)[1])["checks"]}
+    exact, beside = checks["tolerance"]["exact"], checks["max-separable"]["exact"]
+    beta, kappa = Fraction(beside["beta"]), Fraction(beside["kappa"])
+    rate = min(Fraction(beside["alpha"]), beta - 1 / (kappa * min(map(Fraction, beside["v"]))))
+    alpha = kappa * Fraction(exact["eta"]) + rate / 2
+    return {"alpha": str(alpha), "rate": float(f"{float(rate * Fraction(part)):.6g}"), "factor": None}
+
+
 def bent(problem: Problem, id: str, *, table: Any = None, code: int = FAILS, without: str = "", **changes: Any) -> Case:
     """The certificate with other parts of a check or of ``exact``; ``limit``, ``table``: other [actuators] and xi0."""
     document, claims = map(json.loads, _made(problem))
     check = next(each for each in claims["checks"] if each["id"] == id)
     for key, value in changes.items():
-        place = document["actuators"] if key == "limit" else check if key in ("rate", "domain") else check["exact"]
+        place = (
+            document["actuators"]
+            if key == "limit"
+            else check
+            if key in ("rate", "domain", "factor")
+            else check["exact"]
+        )
         place[key] = value
     if check["rate"] is None:
         check["factor"] = None
@@ -139,6 +156,8 @@ def margins_cases() -> list[Case]:
         bent(seen, "tolerance", domain="global"),
         bent(seen, "tolerance", rate=0.001),
         bent(unknown, "tolerance", eta="0"),
+        bent(unknown, "tolerance", **_slower(unknown, "2/5"), code=HOLDS),
+        bent(unknown, "tolerance", **_slower(unknown, "9/10")),
         bent(limited, "actuators", limit={"1": "9", "2": "9"}, code=UNREADABLE),
         bent(limited, "actuators", rate=0.1),
         bent(limited, "actuators", rho="1000", inputs={"1": "9"}),

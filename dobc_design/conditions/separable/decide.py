@@ -74,6 +74,10 @@ class _Question:
     errors: Errors
 
 
+LINEAR: Final = 2  # steps of work for a row of linear couplings, and
+BATCH: Final = 20  # for the rows of a mode
+
+
 def verify_separable(
     problem: Problem, claim: Separable, *, stretch: Fraction | int = 1, errors: Errors = EXACT
 ) -> SeparableAnswer:
@@ -185,6 +189,7 @@ def _first_failure(question: _Question, claim: Separable, left: list[tuple[int, 
             for start in range(0, len(chosen), MOST_LEFT)
         )
     for mode, faces, chosen in batches:
+        spend(BATCH)
         stretch, errors = question.stretch, question.errors
         found = claims.rows(question.problem, question.v, modes=[mode], stretch=stretch, agents=chosen, errors=errors)
         answers = (_decide(question, claim, row, place, face) for row, place in found for face in faces)
@@ -310,7 +315,7 @@ def _price(row: Row, profiles: Sequence[Profile]) -> int:
 
 def linear_bound(row: Row, face: int, profiles: Sequence[Profile]) -> Fraction:
     """An upper bound of sum w phi for linear couplings, where phi does not depend on s; exact if slopes are."""
-    spend(0)  # there may be rows of very many modes
+    spend(LINEAR)
     total = _ZERO
     for term in row.terms:
         slope = jet(profiles[term.coupling].curve, ZERO).slope

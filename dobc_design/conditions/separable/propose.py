@@ -376,7 +376,7 @@ def propose_separable(
         if best is None or high <= 0:
             return None
         if problem.n > FEW_AGENTS:
-            first = linear_rate(field) / FIRST if near is None else near
+            first = linear_rate(field) / FIRST if near is None else near * (1 - CLOSE_LARGE)
             found = rough_rates(field, first=first)
             if not found:
                 return None

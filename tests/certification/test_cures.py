@@ -9,6 +9,7 @@ from linked import linked
 from regions import without_region
 
 from dobc_design import Exosystem, Observer, Verdict
+from dobc_design.certification import cures as certification_cures
 from dobc_design.conditions.check import main_cure
 from dobc_design.conditions.consensus import cures
 from dobc_design.problem.changes import changed_problem
@@ -70,6 +71,21 @@ def test_a_chain_pinned_at_the_wrong_end_gets_a_pin_at_the_other():
     assert not theorem_holds(changed_problem(problem, {"pinning.gains": {"1": 5, "3": 0}}))
     for id in ("reachability", "lemma1", "theorem1"):
         assert certificate.check(id).fix.set == fix.set
+
+
+def test_of_a_large_cured_problem_only_the_weighted_theorem_is_decided(monkeypatch):
+    """Its cure is that of deciding the whole cured problem; where weights do not prove it, the whole one is decided."""
+    problem = cycle(4, exosystem=HARMONIC, observer=Observer(W=[[3], [2]]))
+    whole = with_cures(problem).check("theorem1").fix
+    monkeypatch.setattr(certification_cures, "LARGE", 0)
+    asked = []
+    monkeypatch.setattr(certification_cures, "_holds", lambda *given: asked.append(given) or True)
+    assert whole is not None
+    assert with_cures(problem).check("theorem1").fix == whole
+    assert not asked
+    monkeypatch.setattr(certification_cures, "weighted_stage", lambda *given: [])
+    assert with_cures(problem).check("theorem1").fix == whole
+    assert asked
 
 
 def test_two_closed_groups_get_a_pin_each():

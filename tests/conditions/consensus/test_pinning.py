@@ -12,11 +12,13 @@ from linked import linked
 from small_designs import digraph
 
 from dobc_design import Problem
+from dobc_design.conditions.consensus import pinning
 from dobc_design.conditions.consensus.pinning import (
     fastest_rate,
     for_rate,
     looseness,
     network_blocks,
+    rough_rate,
     smallest_gains,
     solve_shared,
 )
@@ -160,3 +162,14 @@ def test_shared_gains_with_caps_are_those_of_the_semidefinite_program():
     problem = linked({"A": [[2, 1], [3, 2]], "B": [[2, 3], [3, 2]]}, 3)
     blocks = for_rate(network_blocks(problem), 0.01)
     assert solve_shared(blocks.tables, np.array([True, False, False]), np.ones(3)) is None
+
+
+def test_the_rate_of_a_large_network_is_estimated_from_below_and_closely(monkeypatch):
+    """Both ways along a line of 30 agents and some chords, four of them pinned: against all eigenvalues."""
+    pairs = [(i, i + 1) for i in range(1, 30)] + [(3, 20), (7, 25), (11, 16)]
+    problem = linked([arc for i, j in pairs for arc in ([i, j], [j, i])], 30, coupling="y")
+    blocks, pins = network_blocks(problem), (0, 9, 17, 28)
+    exact = fastest_rate(blocks, pins)
+    monkeypatch.setattr(pinning, "LARGE", 0)
+    assert 0.95 * exact <= rough_rate(blocks, pins) <= exact * (1 + 1e-9)
+    assert rough_rate(blocks, ()) == pytest.approx(0, abs=1e-9)

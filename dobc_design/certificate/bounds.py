@@ -20,6 +20,8 @@ from dobc_design._show.cards import Card, Shown, listed
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
+from dobc_design.conditions.coverage import asked_radius
+from dobc_design.conditions.graphs.decide import Kept
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
@@ -29,10 +31,12 @@ from dobc_design.conditions.schedule.cycles import Cycles, phases_of
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
-from dobc_design.errors import SpecError
+from dobc_design.conditions.weighted.decide import Weighted
+from dobc_design.conditions.weighted.network import Alike
+from dobc_design.errors import SpecError, wrong
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import float_above, float_below, root_above
-from dobc_design.exact.symmetric import SparseSymmetric
+from dobc_design.exact.number import Number, float_above, float_below, parse_number, root_above
+from dobc_design.exact.symmetric import SparseSymmetric, largest, least
 from dobc_design.problem.canonical import loop_sha256
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -104,7 +108,8 @@ class CertifiedBound(Shown):
 def envelopes_of(problem: Problem, claims: Claims, starts: Starts) -> Iterator[Envelope]:
     """Bounds that hold for all of ``starts``, from every proved check whose domain holds them."""
     for check in claims.checks:
-        if check.verdict is Verdict.PROVED and check.kind.is_consensus and is_inside(check.domain, starts):
+        bounds = check.kind.is_consensus or check.kind.role == "safety"
+        if check.verdict is Verdict.PROVED and bounds and is_inside(check.domain, starts):
             found = envelope_of(problem, check, claim_of(check, problem, claims.W), starts)
             if found is not None:
                 yield found
@@ -137,9 +142,9 @@ def is_inside(domain: object, starts: Starts) -> bool:
 def envelope_of(problem: Problem, check: Check, claim: Claim | None, starts: Starts) -> Envelope | None:
     """The bound of one check; None for one that gives none by itself."""
     domain, disturbance = check.domain, starts.disturbance
-    radius = starts.box if isinstance(claim, Separable | Cycles) else starts.ball
-    if isinstance(domain, Mapping):  # the largest value over the whole region
-        radius, disturbance = (claimed(domain[name]) * (1 + ROUNDING) for name in ("radius", "disturbance"))
+    radius = starts.box if isinstance(claim, Separable | Cycles | Kept) else starts.ball
+    if isinstance(domain, Mapping):  # of a run that exceeds the region by rounding
+        radius, disturbance = radius * (1 + ROUNDING), disturbance * (1 + ROUNDING)
     if isinstance(claim, Separable):
         first = radius * claim.spread + error_share(claim, disturbance, unit=10**18)
         return Envelope(id=check.id, height=first * claim.reach, rate=composite_rate(claim))
@@ -150,6 +155,17 @@ def envelope_of(problem: Problem, check: Check, claim: Claim | None, starts: Sta
         if claim.level is not None and isinstance(domain, Mapping):  # the level is a bound as well
             first = min(first, claim.level)
         return Envelope(id=check.id, height=_root(first * tallest(claim.P_e)), rate=claim.rate)
+    if isinstance(claim, Kept) and not claim.kind and claim.rate is not None and claim.box is not None:
+        return Envelope(id=check.id, height=radius + error_share(claim.box, disturbance, unit=10**18), rate=claim.rate)
+    if isinstance(claim, Weighted) and check.rate is not None:
+        first = largest(claim.D) * radius**2 + _errors(problem, claim.P, disturbance)
+        return Envelope(id=check.id, height=_root(first / least(claim.D)), rate=claimed(check.rate))
+    if isinstance(claim, Alike) and check.rate is not None and not disturbance:
+        form = SparseSymmetric.from_dense(claim.R)
+        first = largest(claim.weights.D) * eigenvalue_bound(form) * radius**2
+        return Envelope(
+            id=check.id, height=_root(first * tallest(form) / least(claim.weights.D)), rate=claimed(check.rate)
+        )
     if isinstance(claim, PairFacts) and check.rate is not None:  # V = e'e + sum eps_i'P eps_i of Theorems 1 and 2
         first = radius**2 + _errors(problem, claim.pair.P, disturbance)
         return Envelope(id=check.id, height=_root(first), rate=claimed(check.rate))
@@ -188,6 +204,42 @@ def tallest(P_e: SparseSymmetric) -> Fraction:
     return 1 / least
 
 
+def starts_of(problem: Problem, radius: Number | None, disturbance: Number | None) -> Starts:
+    """Every start with |e|_inf <= radius and |eps_i| <= disturbance; what is None comes from the [region].
+
+    Raises: SpecError for a number that is wrong or missing.
+    """
+    region = problem.region
+    if region is None and (radius is None or (disturbance is None and problem.groups)):
+        what = "must be given, because the problem has no [region] that says where it starts."
+        key = "radius" if radius is None else "disturbance"
+        raise wrong(
+            key, what, "Give radius, the largest |e(0)|_inf, and with an [exosystem] disturbance; or a [region]."
+        )
+    sides = asked_radius(problem) if radius is None else (parse_number(radius, key="radius"),) * problem.m
+    error = Fraction(0) if region is None else region.initial_disturbance or Fraction(0)
+    error = error if disturbance is None else parse_number(disturbance, key="disturbance")
+    if min(sides) < 0 or error < 0 or (error and not problem.groups):
+        key = "radius" if min(sides) < 0 else "disturbance"
+        raise wrong(key, "must be >= 0, and without an [exosystem] there is no disturbance.", "Give another number.")
+    ball = _root(problem.n * sum((side * side for side in sides), Fraction(0)))
+    return Starts(box=max(sides), ball=ball, disturbance=error)
+
+
+def bound_from(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBound:
+    """What ``claims``, which are about ``problem``, prove about |e(t)|_inf from all of these starts."""
+    settling = certified_settling(problem, claims)
+    room = 1 + ROUNDING
+    if settling is not None and (
+        starts.box > settling.radius * room or starts.disturbance > settling.disturbance * room
+    ):
+        settling = None
+    with reading_claims():
+        found = tuple(envelopes_of(problem, claims, starts))
+    bound = CertifiedBound(envelopes=found, settling=settling)
+    return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
+
+
 class RunLike(Protocol):
     """See ``simulation.trajectory.Trajectory`` and ``simulation.runs.Ensemble``."""
 
@@ -220,16 +272,12 @@ def certified_bound(problem: Problem, claims: Claims, run: RunLike) -> Certified
         cure = "Certify the problem that was simulated, or simulate this one."
         raise SpecError(what, key="certificate", cure=cure)
     box, ball, disturbance = map(Fraction, run.start_size())
-    starts, room = Starts(box=box, ball=ball, disturbance=disturbance), 1 + ROUNDING
-    settling = certified_settling(problem, claims)
-    if settling is not None and (box > settling.radius * room or disturbance > settling.disturbance * room):
-        settling = None
-    with reading_claims():
-        found = tuple(envelopes_of(problem, claims, starts))
+    starts = Starts(box=box, ball=ball, disturbance=disturbance)
+    bound = bound_from(problem, claims, starts)
     if not keeps_guarantee(problem, json.loads(run.signal or "{}")):
-        found = tuple(each for each in found if each.id != "schedule")
-        settling = None if settling is None or settling.guarantee is not None else settling
-    bound = CertifiedBound(envelopes=found, settling=settling)
+        found = tuple(each for each in bound.envelopes if each.id != "schedule")
+        kept = None if bound.settling is None or bound.settling.guarantee is not None else bound.settling
+        bound = CertifiedBound(envelopes=found, settling=kept)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
 
 

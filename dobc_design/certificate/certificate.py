@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 from dobc_design._show.cards import Card, Headed
 from dobc_design._show.text import latex_text
-from dobc_design.certificate.bounds import CertifiedBound, RunLike, certified_bound, certified_settling
+from dobc_design.certificate.bounds import (
+    CertifiedBound,
+    RunLike,
+    bound_from,
+    certified_bound,
+    certified_settling,
+    starts_of,
+)
 from dobc_design.certificate.claims import Claims, claim_of, reading_claims
 from dobc_design.certificate.files import make_folder, require_own, write_together
 from dobc_design.certificate.regions import Regions, certified_regions
@@ -28,7 +35,9 @@ from dobc_design.verdict import Verdict
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
+
+    from dobc_design.exact.number import Number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -116,6 +125,21 @@ class Certificate(Headed):
                 if isinstance(claim, Cycles) and claim.phases and claim.T is None:
                     return tuple(zip(phases_of(self.problem), claim.phases, strict=True))
         return ()
+
+    def bound(
+        self, times: ArrayLike, *, radius: Number | None = None, disturbance: Number | None = None
+    ) -> NDArray[np.float64]:
+        """The proved bound of |e(t)|_inf at times >= 0 in s, rounded up, same shape.
+
+        At each time it is the least of all proved checks and of the settling time's envelope.  It holds for every start
+        with |e(0)|_inf <= ``radius`` and |eps_i(0)| <= ``disturbance``, by default the smallest such set that holds the
+        [region]; where the proof is about a guarantee of [switching], for signals that keep it.
+        Raises: SpecError without a [region] and without a radius, and where nothing is proved about these starts.
+        Example:
+            >>> dd.certify("clock-sync").bound([0, 1000], radius=1, disturbance=0).round(6).tolist()[1]
+            0.0
+        """
+        return bound_from(self._loop, self.claims, starts_of(self._loop, radius, disturbance))(times)
 
     def envelope(self, run: RunLike) -> CertifiedBound:
         """The proved bound of |e(t)|_inf from the start of a simulated run (or of all runs of an ensemble).

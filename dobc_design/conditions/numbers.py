@@ -91,6 +91,22 @@ def bisected(holds: Callable[[Real], bool], low: Real, high: Real, *, steps: int
     return low, high
 
 
+def golden_section(f: Callable[[float], float], low: float, high: float, *, steps: int) -> None:
+    """Evaluate f at ``steps`` places that close in on its minimum between two ends."""
+    part = (math.sqrt(5) - 1) / 2
+    left, right = high - part * (high - low), low + part * (high - low)
+    values = {left: f(left), right: f(right)}
+    for _ in range(steps - 2):
+        if values[left] <= values[right]:
+            high, right = right, left
+            left = high - part * (high - low)
+            values[left] = f(left)
+        else:
+            low, left = left, right
+            right = low + part * (high - low)
+            values[right] = f(right)
+
+
 def follows(rate: float | None, proved: Fraction) -> bool:
     """Whether a claimed rate is > 0 and at most the proved one."""
     return rate is not None and rate > 0 and claimed(rate) <= proved

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, TypeVar
 
 from dobc_design._show.progress import Reports, report_to, shows_progress
+from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
+from dobc_design.certificate.certificate import Certificate
+from dobc_design.certification.certify import certify
+from dobc_design.conditions.numbers import time_to_one_percent
 from dobc_design.errors import SpecError
 from dobc_design.exact.number import Number
 from dobc_design.problem.integrators import observed
@@ -38,6 +43,26 @@ def _under_guarantee(problem: Problem, found: Found) -> Found:
         return found
     more = " Less may do under the guarantee of [switching], which designs do not look at: certify gains of your own."
     return replace(found, verdict=Verdict.UNDECIDED, reason=found.reason + more, statements=(), nearest=None)
+
+
+def _beside_given_gains(problem: Problem, found: Design, report: Callable[[str], None]) -> Design:
+    """The design with its time to one percent beside that of the problem's own gains, where these are proved, too."""
+    own = found.certificate
+    if found.verdict is not Verdict.PROVED or own is None or not problem.pinning.agents:
+        return found
+    report("certifying the gains of the problem")
+    given = certify(problem)
+    times = [time_to_one_percent(each.rate, each.factor) for each in (own, given)]
+    if given.verdict is not Verdict.PROVED or not all(map(math.isfinite, times)):
+        return found
+    this, other = (_in_words(each, time) for each, time in zip((own, given), times, strict=True))
+    words = f"Certified time to one percent: {this} with this design, {other} with the gains of the file."
+    return replace(found, prices=(*found.prices, words))
+
+
+def _in_words(certificate: Certificate, time: float) -> str:
+    rate, factor = significant_towards_zero(certificate.rate), significant_away_from_zero(certificate.factor)
+    return f"{significant_away_from_zero(time, 3)} s ({rate} 1/s, factor {factor})"
 
 
 def _check(problem: Problem, *, coupling: bool, others: bool) -> None:
@@ -168,7 +193,9 @@ def design(
     limits = {"rate": rate, "pins": pins, "max_gain": max_gain, "allowed": allowed, "noise": noise}
     how: dict[str, Any] = {"digits": digits, "reduce": reduce, "conservative": conservative}
     request = replace(read_design_request(problem.network.labels, **how, **limits), coupling=coupling)
-    return _under_guarantee(problem, search_design(problem, request, report_to(progress)))
+    report = report_to(progress)
+    found = _under_guarantee(problem, search_design(problem, request, report))
+    return _beside_given_gains(problem, found, report)
 
 
 @shows_progress

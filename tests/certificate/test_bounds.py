@@ -72,9 +72,10 @@ def test_the_max_separable_bound_is_that_of_its_numbers(curved):
     exact = certificate.check("max-separable").exact
     v, alpha = [float(Fraction(x)) for x in exact["v"]], float(Fraction(exact["alpha"]))
     beta, kappa, size = (float(Fraction(exact[name])) for name in ("beta", "kappa", "size"))
-    bound = only(certificate, "max-separable").envelope(dd.simulate(problem, start={"x": FAR}, t_final=2))
-    domain = certificate.check("max-separable").domain
-    first = domain["radius"] / min(v) + kappa * domain["disturbance"] * np.sqrt(size)
+    run = dd.simulate(problem, start={"x": FAR}, t_final=2)
+    bound = only(certificate, "max-separable").envelope(run)
+    box, _, disturbance = run.start_size()
+    first = box / min(v) + kappa * disturbance * np.sqrt(size)
     t = np.array([0.0, 0.5, 3.0])
     wanted = max(v) * first * np.exp(-min(alpha, beta - 1 / (kappa * min(v))) * t)
     np.testing.assert_allclose(bound(t), wanted, rtol=1e-9)
@@ -85,13 +86,17 @@ def test_the_max_separable_bound_is_that_of_its_numbers(curved):
 
 @pytest.mark.parametrize(("radius", "squared"), [(0.5, None), (0.9, 2.5)])
 def test_the_quadratic_bound_is_that_of_its_ellipsoid(curved, radius: float, squared):
-    """V(0) <= lambda_max(P_e) R^2 + n lambda_max(P) s^2, and no more than the level; |e_c|^2 <= V (P_e^-1)_cc."""
+    """V(0) <= lambda_max(P_e) |e(0)|^2 + n lambda_max(P) s^2, and no more than the level; |e_c|^2 <= V (P_e^-1)_cc."""
     problem, certificate = curved
     P_e = np.array([[2, 0.5, 0], [0.5, 1, 0], [0, 0, 3]])
     check = replace(QUADRATIC, domain={"kind": "ball", "radius": radius, "disturbance": 0.25})
     claims = replace(certificate.claims, checks=(check,))
-    bound = certified_bound(problem, claims, dd.simulate(problem, start={"x": NEAR, "xi": 0 * NEAR}, t_final=2))
-    first = np.linalg.eigvalsh(P_e)[-1] * radius**2 + N * 2 * 0.25**2 if squared is None else squared
+    run = dd.simulate(problem, start={"x": NEAR, "xi": 0 * NEAR}, t_final=2)
+    bound = certified_bound(problem, claims, run)
+    _, ball, disturbance = run.start_size()
+    assert ball <= radius
+    first = np.linalg.eigvalsh(P_e)[-1] * ball**2 + N * 2 * disturbance**2
+    first = first if squared is None else min(first, squared)
     tallest = 0.0
     for c in range(N):  # the point of the ellipsoid that is farthest in direction c, by Lagrange
         direction = np.linalg.solve(P_e, np.eye(N)[c])
@@ -189,7 +194,7 @@ def test_a_settling_time_bounds_by_its_envelope():
     certificate = Certificate(problem=problem, claims=read_claims(region_cases.certificate("observed, linear", SEEN)))
     run = dd.simulate(problem, start={"x": [[1], [-1]], "xi": [[0.5], [-0.5]]}, t_final=6)
     bound = certificate.envelope(run)
-    assert set(bound.sources) == {"theorem1", "settling"}
+    assert set(bound.sources) == {"theorem1", "theorem1-weighted", "settling"}
     bound = only(certificate, "settling").envelope(run)
     np.testing.assert_array_equal(bound(run.times), certificate.settling.envelope(run.times))
     assert (run.error() <= bound(run.times)).all()

@@ -28,6 +28,7 @@ from evidence import (
     simulations,
     stated,
     sweeps,
+    times,
 )
 from evidence.row import Row
 from published import PUBLISHED
@@ -71,6 +72,7 @@ ITEMS = (
     Item(name="agreement", run=agreement.run, count=400, seed=8500, share=80),
     Item(name="cures", run=certificates.cures, count=500, seed=8000, share=50),
     Item(name="local", run=local.digraphs, count=1000, seed=9200, share=50),
+    Item(name="times", run=times.times, count=len(times.names()), seed=0, share=20),
     Item(name="linear-agents", run=local.linear_agents, count=300, seed=0, share=30),
     Item(name="published", run=published.table, count=len(PUBLISHED), seed=0, share=5),
     Item(name="dynamic-regions", run=published.regions, count=10_000, seed=0, share=0),  # the count is starts

@@ -7,7 +7,7 @@ anew (method of centres).  What is found is rounded, and only what ``holds`` acc
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
@@ -18,7 +18,7 @@ import numpy as np
 from scipy import linalg, optimize
 
 from dobc_design.conditions.consensus.claim import omega
-from dobc_design.conditions.numbers import bisected, rounded_down
+from dobc_design.conditions.numbers import bisected, golden_section, rounded_down, time_to_one_percent
 from dobc_design.conditions.quadratic import propose_program as programs
 from dobc_design.conditions.quadratic.claim import Lure, Method, Shape, lure_matrix
 from dobc_design.conditions.quadratic.propose_program import FloatLoop, Gains, float_loop, sample_gains
@@ -47,6 +47,8 @@ TRIED: Final = (1.0, 0.998, 0.9, 0.6)  # of the largest radius, before the ball 
 CONDITION: Final = 100.0
 ZERO: Final = Fraction(0)
 _EDGE: Final = 1e-3
+#: How far inside of a proved certificate the search for a flatter one begins, and how close it comes.
+_INSIDE, _EVEN = 1e-4, 1e-2
 _SHORTFALL: Final = 1e-8  # of the level, for the rounding of its estimate
 # Where no arc needs the radius every level will do: one that holds balls of a hundred times the radius, about.
 _NOT_NEEDED: Final = 1e4
@@ -87,6 +89,48 @@ def fast_lures(
     found = () if search is None else search.faster(radius, rates[1])
     for there, point in reversed(list(islice(found, MOST_CENTRES))[1:]):
         yield from there.roundings(point)
+
+
+def sooner_lures(
+    problem: Problem,
+    lures: Sequence[Lure],
+    *,
+    holds: Holds,
+    W: Matrix | None,
+    ball: Fraction,
+    disturbance: Fraction,
+    steps: int,
+) -> Iterator[Lure]:
+    """Certificates that ``holds`` accepts with smaller rates and flatter P_e, which promise the least time to one
+    percent first; each covers |e| <= ball, |eps_i| <= disturbance.  ``lures`` do, with growing rates > 0: the search
+    begins at the next faster one.  ``steps``: rates that are tried."""
+    found: list[tuple[float, _Search, _Point]] = []
+
+    def at(rate: float) -> float:
+        exact = rounded_down(rate, digits=4)
+        near = next((each for each in lures if each.rate >= exact), lures[-1])
+        begun = _begun(problem, W, shape=near.shape, rate=near.rate, observer=near.rate, disturbance=disturbance)
+        start = None if begun is None else begun.point_of(near)
+        if begun is None or start is None:
+            return math.inf
+        search = replace(begun, rate=exact)
+        point = search.flattest(start, float(ball))
+        if point is None:
+            return math.inf
+        time = time_to_one_percent(float(exact), math.sqrt(np.linalg.cond(point.Y)))
+        found.append((time, search, point))
+        return time
+
+    first = min(time_to_one_percent(float(each.rate), math.sqrt(condition_of(each))) for each in lures)
+    golden_section(at, math.log(100) / first, float(lures[-1].rate), steps=steps)
+    for time, search, point in sorted(found, key=lambda each: each[0]):
+        if time < first:
+            yield from islice(filter(holds, search.roundings(point)), 1)
+
+
+def condition_of(lure: Lure) -> float:
+    """Lambda_max / lambda_min of P_e, about."""
+    return float(np.linalg.cond(to_float(lure.P_e.to_dense())))
 
 
 def bound_lure(
@@ -351,6 +395,57 @@ class _Search:
         cost[kappa] = -1.0
         point = minimise(program, point, cost, stop=lambda p: bool(p[kappa] > 1.05 * needed), hopeless=-needed)
         return None if point[kappa] <= needed else _point(loop, start.radius, *program.split(point))
+
+    def point_of(self, lure: Lure) -> _Point | None:
+        """The point from which ``roundings`` would make this certificate, about; None where it is of another search."""
+        radius = None if lure.radius is None else float(lure.radius)
+        loop, unit = self.loop(radius), 1.0 if lure.level is None else float(lure.level)
+        if loop is None:
+            return None
+        sectors = build_sectors(self.problem, lure.ranges, radius=lure.radius)
+        t: list[float] = []
+        for mode in loop.modes:
+            taus = lure.multipliers[mode.name]
+            known = {
+                (channel.target, channel.plus, channel.minus): float(tau)
+                for channel, tau in zip(sectors.modes[mode.name], taus, strict=True)
+            }
+            values = [known.get(place, 0.0) for place in map(tuple, mode.where.T.tolist())]
+            if not all(values):
+                return None
+            t += (unit / (2 * mode.d * np.array(values))).tolist()
+        kappa = None
+        if self.pair is not None and lure.P is not None:
+            kappa = unit * float(self.pair.P[0][0] / lure.P[0][0])
+        Y = unit * np.linalg.inv(to_float(lure.P_e.to_dense()))
+        return _Point(radius=radius, Y=(Y + Y.T) / 2, t=np.array(t), kappa=kappa)
+
+    def flattest(self, start: _Point, ball: float) -> _Point | None:
+        """The point with the least largest eigenvalue of Y that covers the ball; None if ``start`` is not inside."""
+        loop = self.loop(start.radius)
+        if loop is None or loop.multipliers != len(start.t):
+            return None
+        if start.radius is None:  # all scales are alike
+            ball = 1.0
+            size = 1.1 / float(np.linalg.eigvalsh(start.Y)[0])
+        else:
+            size = 1 - _INSIDE
+        disturbed = start.kappa is not None and self.disturbance > 0 and start.radius is not None
+        kappa = None if start.kappa is None else size * start.kappa
+        inner = _Point(radius=start.radius, Y=size * start.Y, t=size * start.t, kappa=kappa)
+        program = programs.flattening(
+            loop, self.basis, ball=ball * (1 + _INSIDE), disturbance=self.disturbance if disturbed else 0.0
+        )
+        values = np.linalg.eigvalsh(inner.Y)
+        scalars = list(inner.scalars)
+        if disturbed and kappa is not None:
+            scalars += [(1 - _INSIDE) * float(values[0]), (1 + _INSIDE) * self.disturbance / kappa]
+        point = program.join(inner.Y, [*scalars, 1.5 * float(values[-1])])
+        if not program.holds(point):
+            return None
+        cost = np.zeros(len(point))
+        cost[-1] = 1.0
+        return _point(loop, start.radius, *program.split(minimise(program, point, cost, accuracy=_EVEN)))
 
     def path(self, largest: float) -> list[_Point]:
         """Centres at growing radii, up to the largest one that could be reached; empty if there is none."""

@@ -284,14 +284,42 @@ def covering(loop: FloatLoop, basis: Basis, *, disturbance: float, condition: fl
         corner, other, off = np.diag([1.0, 0.0]), np.diag([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
         blocks.append(Block(constant=other, dense={lambda_: corner, R: off, share: -other}))
         blocks.append(Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other}))
-    c, pairs = np.zeros((loop.size + 1, len(loop.ends))), np.arange(len(loop.ends))
-    c[loop.ends[:, 0], pairs], c[loop.ends[:, 1], pairs] = 1.0, -1.0
-    c = c[:-1]
+    forms, limits = _radii(loop, basis)
     return Inequalities(
         basis=basis,
         blocks=tuple(blocks),
         count=lambda_ + 1 + 2 * disturbed,
         positive=np.arange(kappa, lambda_),
-        forms=basis.products(c, c).T,  # c'E c for every pair of ends and every unit matrix E
-        limits=loop.reach**2,
+        forms=forms,
+        limits=limits,
     )
+
+
+def flattening(loop: FloatLoop, basis: Basis, *, ball: float, disturbance: float) -> Inequalities:
+    """Find Y, t, kappa and mu with ball^2 I < Y < mu I in the radii, so that mu bounds the condition of Y.  With a
+    ``disturbance`` n lambda_max(P) s^2 at kappa = 1: lambda I < Y and the share b of it, before mu."""
+    kappa = loop.multipliers
+    first = kappa + (loop.S is not None)
+    disturbed = loop.S is not None and disturbance > 0
+    mu, eye = first + 2 * disturbed, np.eye(loop.size)
+    blocks = [*_decrease(loop), Block(constant=np.zeros_like(eye), plain=-1.0, dense={mu: eye})]
+    if disturbed:
+        share = first + 1
+        corner, other, off = np.diag([1.0, 0.0]), np.diag([0.0, 1.0]), np.array([[0.0, 1.0], [1.0, 0.0]])
+        blocks.append(Block(constant=np.zeros_like(eye), plain=1.0, dense={first: -eye}))
+        blocks.append(Block(constant=other + ball * off, dense={first: corner, share: -other}))
+        blocks.append(Block(constant=np.sqrt(disturbance) * off, dense={kappa: corner, share: other}))
+    else:
+        blocks.append(Block(constant=-(ball**2) * eye, plain=1.0))
+    forms, limits = _radii(loop, basis)
+    return Inequalities(
+        basis=basis, blocks=tuple(blocks), count=mu + 1, positive=np.arange(kappa, mu + 1), forms=forms, limits=limits
+    )
+
+
+def _radii(loop: FloatLoop, basis: Basis) -> tuple[Array, Array]:
+    """c'E c for every pair of ends and every unit matrix E, and the squares of the radii."""
+    c, pairs = np.zeros((loop.size + 1, len(loop.ends))), np.arange(len(loop.ends))
+    c[loop.ends[:, 0], pairs], c[loop.ends[:, 1], pairs] = 1.0, -1.0
+    c = c[:-1]
+    return basis.products(c, c).T, loop.reach**2

@@ -13,9 +13,9 @@ from fractions import Fraction
 from functools import partial
 from typing import Final
 
-from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
+from dobc_design.conditions.check import Check, cut_check, fastest_in_words, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
-from dobc_design.conditions.numbers import claimed, rounded_down
+from dobc_design.conditions.numbers import claimed, rounded_down, time_to_one_percent
 from dobc_design.conditions.quadratic.claim import Lure, Shape
 from dobc_design.conditions.quadratic.decide import (
     IN_WORDS,
@@ -24,7 +24,14 @@ from dobc_design.conditions.quadratic.decide import (
     quadratic_obstacle,
     verify_lure,
 )
-from dobc_design.conditions.quadratic.propose import bound_lure, design_lure, linear_rate, raise_rate
+from dobc_design.conditions.quadratic.propose import (
+    bound_lure,
+    condition_of,
+    design_lure,
+    linear_rate,
+    raise_rate,
+    sooner_lures,
+)
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, exhausted, out_of_time, spend
 from dobc_design.problem.problem import Problem
 from dobc_design.verdict import Verdict
@@ -39,6 +46,8 @@ CORNER_CHANNELS: Final = 6  # of a mode, up to which the corners of all gains ar
 #: on fewer are.
 FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11
 MODE: Final = 20  # steps of work for the inequality of a mode
+#: Rates that are tried for the least time to one percent; times are next to that of P_e = I below this part.
+SOONER, FLAT = 5, 1.01
 _LARGEST: Final = Fraction(400)  # no |e_j - e_i| beyond is looked at, unless the region asks for more
 
 
@@ -76,11 +85,12 @@ def quadratic_stage(asked: Asked, report: Progress) -> list[Check]:
         return [undecided_check("lure", asked.domain, reason)]
     enough = [each for each in found if each.radius >= asked.ball and each.lure.method == "lure"]
     best = max(enough or found, key=lambda each: each.radius)
+    told = ""
     if best.radius >= asked.ball:
         report("deciding the region (quadratic, its rate)")
         with at_most(work):
-            best = _faster(asked, best)
-    radius, remark = 0.0 if math.isinf(best.radius) else best.radius, _remark(asked, best, found)
+            best, told = _timed(asked, best)
+    radius, remark = 0.0 if math.isinf(best.radius) else best.radius, told + _remark(asked, best, found)
     starts = {"radius": radius, "disturbance": asked.disturbance}
     return [lure_check(problem, asked.W, best.lure, **starts, domain=asked.domain, remark=remark)]
 
@@ -145,20 +155,61 @@ def _bounds(asked: Asked, lure: Lure) -> list[Found]:
     return [each for each in found if each is not None]
 
 
-def _faster(asked: Asked, best: Found) -> Found:
-    """The same region at a larger rate, as far as a short bisection finds one."""
+def _timed(asked: Asked, first: Found) -> tuple[Found, str]:
+    """The same region with the least time to one percent that is found, and what the largest rate would be."""
+    seen = _faster(asked, first)
+    fastest = seen[-1]
+    best = min([*_flatter(asked, seen), *reversed(seen)], key=_time)
+    with suppress(WorkLimitError):
+        best = replace(best, lure=raise_rate(asked.problem, best.lure, holds=partial(holds, asked.problem)))
+    if best.lure.rate >= fastest.lure.rate:
+        return best, ""
+    return best, fastest_in_words(float(fastest.lure.rate), math.sqrt(condition_of(fastest.lure)))
+
+
+def _time(found: Found) -> float:
+    """The time to one percent (s) that a certificate promises."""
+    return time_to_one_percent(float(found.lure.rate), math.sqrt(condition_of(found.lure)))
+
+
+def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
+    """A certificate of the same region with a smaller rate and a flatter P_e than those seen with growing rates."""
+    timed = [each for each in seen if each.lure.rate]
+    first = min(map(_time, timed), default=math.inf)
+    if not timed or not math.isfinite(first) or first * float(timed[-1].lure.rate) < FLAT * math.log(100):
+        return []
+    with surviving("no flatter quadratic proposal", WorkLimitError):
+        spend(_steps(asked.problem))
+        sooner = sooner_lures(
+            asked.problem,
+            [each.lure for each in timed],
+            holds=partial(holds, asked.problem),
+            W=asked.W,
+            ball=claimed(asked.ball),
+            disturbance=claimed(asked.disturbance),
+            steps=SOONER,
+        )
+        for lure in sooner:
+            radius = certified_ball(asked.problem, lure, disturbance=asked.disturbance)
+            if radius >= asked.ball:
+                return [Found(timed[-1].name, lure, radius)]
+    return []
+
+
+def _faster(asked: Asked, best: Found) -> list[Found]:
+    """The same region at growing rates, as far as a short bisection finds them."""
     top = linear_rate(asked.problem, asked.W)
     low, high, part = 0.0, 1.0, FIRST_PART
     steps = FEWER_STEPS if asked.problem.n * asked.problem.m >= MANY_ROWS else RATE_STEPS
+    seen = [best]
     if best.lure.method == "lure":
         for _ in range(steps if top > 0 else 0):
             rate = rounded_down(Fraction(top * part), digits=4)
             faster = propose(asked, best.lure.shape, rate=rate, accept=math.nextafter(asked.ball, 0.0))
-            low, high, best = (low, part, best) if faster is None else (part, high, faster)
+            low, high = (low, part) if faster is None else (part, high)
+            seen += [] if faster is None else [faster]
             part = (low + high) / 2 if low else high / 4
-    with suppress(WorkLimitError):
-        best = replace(best, lure=raise_rate(asked.problem, best.lure, holds=partial(holds, asked.problem)))
-    return best
+    return seen
 
 
 def _remark(asked: Asked, best: Found, found: Sequence[Found]) -> str:

@@ -12,13 +12,13 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from scipy import sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.numbers import time_to_one_percent
+from dobc_design.conditions.numbers import golden_section, time_to_one_percent
 from dobc_design.conditions.separable.claim import EXACT, ErrorBound, Errors, Separable, holding_gains, stuck_agents
 from dobc_design.conditions.separable.decide import largest_rate, verify_composite
 from dobc_design.conditions.separable.propose_observer import propose_error_bound, radius_needed
@@ -231,8 +231,21 @@ def linear_rate(field: Field) -> float:
     return found
 
 
+class RowsOf(Protocol):
+    """See ``Field`` and ``propose_coordinates.Rows``."""
+
+    @property
+    def size(self) -> int: ...
+    def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]: ...
+
+
 def least_solution(
-    field: Field, *, alpha: float, start: Array, lower: Array | float = 1.0, accuracy: tuple[float, float] | None = None
+    field: RowsOf,
+    *,
+    alpha: float,
+    start: Array,
+    lower: Array | float = 1.0,
+    accuracy: tuple[float, float] | None = None,
 ) -> Array | None:
     """The least v >= ``lower`` whose rows hold with rate alpha, about; None if Newton from ``start`` finds none."""
     v = start.copy()
@@ -539,22 +552,6 @@ def sooner_plan(
         return best
     nearer = SeparablePlan(v=v, rate=best.whole_rate, rho=rho, error=error)
     return min(best, nearer, key=lambda each: each.time)
-
-
-def golden_section(f: Callable[[float], float], low: float, high: float, *, steps: int) -> None:
-    """Evaluate f at ``steps`` places that close in on its minimum between two ends."""
-    part = (math.sqrt(5) - 1) / 2
-    left, right = high - part * (high - low), low + part * (high - low)
-    values = {left: f(left), right: f(right)}
-    for _ in range(steps - 2):
-        if values[left] <= values[right]:
-            high, right = right, left
-            left = high - part * (high - low)
-            values[left] = f(left)
-        else:
-            low, left = left, right
-            right = low + part * (high - low)
-            values[right] = f(right)
 
 
 def flat_separable(

@@ -7,6 +7,7 @@ that is largest at the last v finds the v with the best rate.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -17,12 +18,19 @@ import numpy as np
 from scipy import linalg, sparse
 
 from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.numbers import rounded_down, rounded_up
+from dobc_design.conditions.numbers import golden_section, rounded_down, rounded_up, time_to_one_percent
 from dobc_design.conditions.quadratic.sectors import GainRange, gains_at
 from dobc_design.conditions.separable.claim import MOST_COMPONENTS, ErrorBound, Separable
 from dobc_design.conditions.separable.coordinates import MOST_FREE, enclosed_ranges, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle
-from dobc_design.conditions.separable.propose import LARGE, SeparablePlan, rounded_vectors, solved
+from dobc_design.conditions.separable.propose import (
+    LARGE,
+    WORTH_IT,
+    SeparablePlan,
+    least_solution,
+    rounded_vectors,
+    solved,
+)
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.errors import SpecError
 from dobc_design.exact.interval import UndefinedError
@@ -43,6 +51,8 @@ BEST = 3  # coordinates whose weights are rounded
 PATIENCE = (1.0, 0.5, 0.0)  # of the best rate, which a flatter v is to keep
 CLOSE, LARGEST = 1e-3, 1e6  # of v, when it is kept; condition of a modal form
 SHARES = (0.9, 0.5, 0.0)  # of the rate of the rows, which V is to keep
+PROMISED = 0.7  # of the largest rate, at which coordinates are compared
+SOONER = 8  # rates that are tried for the least time to one percent
 ROUGHLY = Fraction(1, 1000)  # how far gains are enclosed in the search
 
 
@@ -161,6 +171,35 @@ class Agents:
         return in_floats(found)
 
 
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The rows of all components for fixed gains, as ``least_solution`` takes them."""
+
+    agents: Agents
+    T: Array
+    gains: Gains
+
+    @property
+    def size(self) -> int:
+        return self.agents.size * len(self.T)
+
+    def rows(self, v: Array, *, alpha: float) -> tuple[Array, Any, Array]:
+        """The largest row of every component at v (n m,) with the rate alpha, its Jacobian, the size of its terms."""
+        best, M = self.agents.rows(self.T, self.gains, v.reshape(-1, len(self.T)))
+        jacobian = sparse.csr_array(M + alpha * sparse.eye_array(self.size))
+        return best.ravel() + alpha * v, jacobian, abs(M) @ v + alpha * v
+
+
+def _spread(T: Array, v: Array) -> float:
+    """The largest N of errors with |e|_inf <= 1."""
+    return float(np.max(np.abs(T).sum(axis=1) / v))
+
+
+def _factor(T: Array, v: Array) -> float:
+    """The largest |e|_inf where N <= 1, times the largest N where |e|_inf <= 1."""
+    return _spread(T, v) * float(np.max(v @ np.abs(np.linalg.inv(T)).T))
+
+
 def in_floats(ranges: Sequence[GainRange]) -> Gains:
     """Gains that a claim states."""
     ends = {x.coupling: np.array([[[float(y.lo), float(y.hi)] for y in row] for row in x.entries]) for x in ranges}
@@ -218,14 +257,13 @@ def propose_coordinates(
         return None
     agents, part = Agents.of(problem, most=problem.n), Agents.of(problem, most=LARGE)
     gains = part.gains_at(np.eye(problem.m), np.ones((part.size, problem.m)), float(radius))
-    found = dict[Matrix, float]()
+    found = dict[Matrix, tuple[float, float]]()  # time to one percent and rate
     for T in candidates(part, gains) if gains is not None else ():
         if T is not None and T not in found:
-            search = Search(part, W, T, radius, disturbance, everywhere)
-            found[T] = search.weights(None, 1.0)[0]
-    best = sorted((T for T in found if found[T] > 0), key=lambda T: -found[T])[:BEST]
+            found[T] = Search(part, W, T, radius, disturbance, everywhere).promise()
+    best = sorted((T for T in found if found[T][1] > 0), key=lambda T: found[T])[:BEST]
     searches = (Search(agents, W, T, radius, disturbance, everywhere) for T in best)
-    return next((claim for search in searches for claim in search.claims(found[search.T])), None)
+    return next((claim for search in searches for claim in search.claims(found[search.T][1])), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,10 +289,56 @@ class Search:
                     continue
             for enough in (1.0,) if problem.is_linear else PATIENCE:
                 seen, v = self.weights(error, enough)
-                vectors = () if v is None else rounded_vectors(SeparablePlan(v=v.ravel(), rate=seen, rho=self.radius))
-                claims = (self.claim(each, error) for each in vectors)
-                proved = [claim for claim in islice(claims, 1 if problem.n > LARGE else 3) if claim is not None]
-                yield from sorted(proved, key=lambda claim: -claim.alpha)[:1]
+                if v is not None:
+                    planned = (self.sooner(v, seen, error), v)
+                    found = (self.fastest_claim(each, seen, error) for each in planned if each is not None)
+                    yield from islice((claim for claim in found if claim is not None), 1)
+
+    def promise(self) -> tuple[float, float]:
+        """The time to one percent, about, and the largest rate of the network alone; infinite and 0 without a v."""
+        rate, v = self.weights(None, 1.0)
+        if v is None:
+            return math.inf, 0.0
+        T, time = to_float(self.T), time_to_one_percent(rate, _factor(to_float(self.T), v))
+        gains = self.agents.gains_at(T, v, float(self.radius) * _spread(T, v))
+        if gains is None:
+            return time, rate
+        with np.errstate(all="ignore"):
+            w = least_solution(Rows(self.agents, T, gains), alpha=PROMISED * rate, start=np.ones(v.size))
+        if w is not None:
+            time = min(time, time_to_one_percent(PROMISED * rate, _factor(T, w.reshape(v.shape))))
+        return time, rate
+
+    def fastest_claim(self, v: Array, rate: float, error: ErrorBound | None) -> Separable | None:
+        """The claim with one of the roundings of v (n, m) that has the largest rate; None if none holds."""
+        vectors = rounded_vectors(SeparablePlan(v=v.ravel(), rate=rate, rho=self.radius))
+        claims = (self.claim(each, error) for each in vectors)
+        some = islice(claims, 1 if self.agents.problem.n > LARGE else 3)
+        return max((claim for claim in some if claim is not None), key=lambda claim: claim.alpha, default=None)
+
+    def sooner(self, v: Array, rate: float, error: ErrorBound | None) -> Array | None:
+        """The v (n, m) of a smaller rate that promises the least time to one percent, for the gains that go with ``v``,
+        whose rate is given; None if none is earlier."""
+        agents, T = self.agents, to_float(self.T)
+        limit = math.inf if error is None else float(error.beta - 1 / error.kappa)
+        gains = agents.gains_at(T, v, float(self.radius) * _spread(T, v) + float(self.offset(error)))
+        longest = min(rate, limit)
+        first = time_to_one_percent(longest, _factor(T, v))
+        if gains is None or not 0 < first * longest < math.inf or agents.size > LARGE:
+            return None
+        rows, found = Rows(agents, T, gains), list[tuple[float, Array]]()
+
+        def at(alpha: float) -> float:
+            with np.errstate(all="ignore"):
+                w = least_solution(rows, alpha=alpha, start=np.ones(v.size))
+            if w is None:
+                return math.inf
+            found.append((time_to_one_percent(min(alpha, limit), _factor(T, w.reshape(v.shape))), w.reshape(v.shape)))
+            return found[-1][0]
+
+        golden_section(at, math.log(100) / first, longest, steps=SOONER)
+        time, best = min(found, key=lambda each: each[0], default=(math.inf, None))
+        return best if time < WORTH_IT * first else None
 
     def weights(self, error: ErrorBound | None, enough: float) -> tuple[float, Array | None]:
         """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the flattest v that keeps

@@ -8,13 +8,12 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 
-from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
-from dobc_design.conditions.check import Check, cut_check, limited, surviving, undecided_check
+from dobc_design.conditions.check import Check, cut_check, fastest_in_words, limited, surviving, undecided_check
 from dobc_design.conditions.coverage import Asked, Progress
-from dobc_design.conditions.numbers import bisected, claimed, rounded_down
+from dobc_design.conditions.numbers import bisected, claimed, rounded_down, time_to_one_percent
 from dobc_design.conditions.separable import checks, propose
 from dobc_design.conditions.separable.claim import EXACT, Errors, Separable, stated_errors
-from dobc_design.conditions.separable.decide import covers, verify_separable
+from dobc_design.conditions.separable.decide import composite_rate, covers, verify_separable
 from dobc_design.conditions.separable.propose import SeparablePlan
 from dobc_design.conditions.separable.propose_coordinates import propose_coordinates
 from dobc_design.conditions.separable.timing import LEADER_GOES_ON, longest_delay
@@ -27,6 +26,7 @@ IN_HAND = Fraction(1, 10**4)
 CLOSE = ((60, 0.002), (2000, 0.02), (10**9, 0.25))
 ROUGHLY = ((60, 9), (2000, 7), (10**9, 4))  # agents, and bisections in coordinates
 HALVINGS = 12
+AS_PLANNED = 0.97  # of a planned rate: where less is proved, other plans may be better
 WIDER = Fraction(2)  # how much further out the agent is looked for that is no longer held
 KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
 #: How many times less steep couplings have to be for a v of its own for sampling; the part of the rate that it keeps.
@@ -107,7 +107,8 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
         return [undecided_check("max-separable", domain, f"{reason}.")]
     claim, radius = found.claim, found.radius
     told = _remark(asked, claim, radius) if cut is None else f" The search for a larger box was {cut}"
-    told = fastest_in_words(found.fastest) + told
+    if found.fastest is not None:
+        told = fastest_in_words(found.fastest.whole_rate, found.fastest.factor) + told
     check = checks.max_separable_check(
         problem, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told
     )
@@ -121,14 +122,6 @@ class Found:
     claim: Separable
     radius: float
     fastest: SeparablePlan | None = None
-
-
-def fastest_in_words(plan: SeparablePlan | None) -> str:
-    """What the largest rate would be, as a sentence for a reason."""
-    if plan is None:
-        return ""
-    rate, factor = significant_towards_zero(plan.whole_rate), significant_away_from_zero(plan.factor, 3)
-    return f" The largest rate is about {rate} 1/s, with a factor of {factor}: it reaches one percent later."
 
 
 def largest_claim(asked: Asked) -> Found | None:
@@ -191,9 +184,9 @@ def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Found | N
         return None
     sooner = _sooner(asked, radius, plan)
     try:
-        claim = None if sooner is plan else _covering(asked, radius, sooner)
-        if claim is not None:
-            return Found(claim, radius, fastest=plan)
+        first = None if sooner is plan else _covering(asked, radius, sooner)
+        if first is not None and composite_rate(first) >= sooner.whole_rate * AS_PLANNED:
+            return Found(first, radius, fastest=plan)
         claim = _covering(asked, radius, plan)
         if claim is None and asked.domain != "global":
             # A steep v compares agents so far apart that a coupling may leave every range there.
@@ -201,7 +194,13 @@ def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Found | N
             claim = next((each for each in flatter if each is not None), None)
     except WorkLimitError:  # the boxes proved so far remain
         return None
-    return None if claim is None else Found(claim, radius)
+    claims = [each for each in (first, claim) if each is not None]
+    return Found(min(claims, key=_time), radius) if claims else None
+
+
+def _time(claim: Separable) -> float:
+    """The time to one percent (s) that a claim proves."""
+    return time_to_one_percent(float(composite_rate(claim)), float(claim.factor))
 
 
 def _sooner(asked: Asked, radius: float, plan: SeparablePlan) -> SeparablePlan:

@@ -6,6 +6,7 @@ positive, and D = diag(u / w) makes D (M - beta I) + (M - beta I)'D positive def
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,11 +20,12 @@ from scipy.sparse import csgraph
 
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.consensus.propose import DENSE, decay_rate, is_symmetric
-from dobc_design.conditions.numbers import MANY_AGENTS, bisected, shorten
+from dobc_design.conditions.numbers import MANY_AGENTS, bisected, golden_section, shorten, time_to_one_percent
 from dobc_design.conditions.weighted.decide import Weighted, observer_bounds
+from dobc_design.conditions.weighted.network import Alike
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix, Vector, to_float
-from dobc_design.exact.symmetric import Doubles
+from dobc_design.exact.symmetric import Doubles, largest, least
 from dobc_design.exact.work import spend
 from dobc_design.problem.arrays import consensus_jacobian, pinning_matrix
 from dobc_design.problem.exosystems import block_diagonal
@@ -45,14 +47,18 @@ COMPARED = 8  # modes that are compared two by two
 LARGEST_PROGRAM = 10 * 60**3  # states^3 times modes for which common weights are sought by a semidefinite program
 LONGEST = 60.0  # s, for that program
 SOLVER, EIGENVALUES = 10, 3000  # steps of work for a solver and each solution; cubed rows for a step
+EVEN_PROGRAM = 2 * 12**3  # the same, where the most even ones are sought for several rates
+# Times to one percent: those next to that of D = I, rates that are tried for few and for many states, what is worth it.
+FLAT, SOONER, SOONER_LARGE, WORTH_IT = 1.01, 8, 2, 0.995
 MARGIN = 1e-6
 LEFT, ROUNDED = 0.25, 1e-9  # a row is met when these parts of its right side and of its terms are left at most
 CLOSE, QUICK = (1e-2, 1e-5), 400  # where iterations stop
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.LinAlgError)
 
 
-def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weighted, float]]:
-    """Claims with their rates (1/s), the fastest first."""
+def proposals(statements: Statements, W: Matrix | None, *, sooner: bool = True) -> Iterator[tuple[Weighted, float]]:
+    """Claims with their rates (1/s): the one with the least time to one percent if ``sooner``, then the fastest
+    first."""
     problem = statements.problem
     tables = {mode: stiffness(problem, mode) for mode in problem.network.modes}
     if any(table is None for table in tables.values()) or (problem.groups and W is None):
@@ -68,15 +74,68 @@ def proposals(statements: Statements, W: Matrix | None) -> Iterator[tuple[Weight
     (first, *others) = pairs.values()
     if others:  # the largest rate that common weights can have, about
         most = bisected(lambda rate: _weights(tables, rate) is not None, 0.0, most, steps=BISECTIONS)[0]
-    for part in PARTS:
-        rate = shorten(part * most, digits=6)
+    best = None
+    if sooner:
+        best = soonest_weights(tables, most, None if others or first is None else first.u / first.w)
+    planned = [] if best is None else [(best.rate, best.D)]
+    for rate, D in [*planned, *((shorten(part * most, digits=6), None) for part in PARTS)]:
         with suppress(*GIVEN_UP):
             P = _lyapunov(problem, W, rate) if problem.groups and W is not None else None
             sigma = observer_bounds(problem, P, W, rate=Fraction(repr(rate)))
-            for pair in (None,) if others else _pairs(next(iter(tables.values())), first, rate):
-                found = None if sigma is None else _scaled(problem, tables, rate, sigma, P, pair)
+            own = (None,) if others or D is not None else _pairs(next(iter(tables.values())), first, rate)
+            for pair in own:
+                found = None if sigma is None else _scaled(problem, tables, rate, sigma, P, pair, D)
                 if found is not None:
                     yield found, rate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sooner:
+    """Weights D > 0 (n m,) that seem to do for a rate (1/s), and the time to one percent that they promise."""
+
+    time: float
+    rate: float
+    D: Array
+
+
+def soonest_weights(tables: Mapping[str, Any], most: float, fastest: Array | None) -> Sooner | None:
+    """The weights and the rate up to ``most`` with the least ln(100 sqrt(max D / min D)) / rate.  ``fastest``: weights
+    for the rate ``most``, where they are known.  None where a slower rate is not worth it."""
+    size, found = next(iter(tables.values())).shape[0], list[Sooner]()
+
+    def at(rate: float) -> float:
+        rate = shorten(rate, digits=6)
+        with suppress(*GIVEN_UP):
+            D = even_weights(tables, rate)
+            if D is not None:
+                found.append(Sooner(time_to_one_percent(rate, math.sqrt(D.max() / D.min())), rate, D))
+                return found[-1].time
+        return math.inf
+
+    first = at(most) if fastest is None else time_to_one_percent(most, math.sqrt(fastest.max() / fastest.min()))
+    if not most > 0 or not math.isfinite(first) or first * most < FLAT * math.log(100):
+        return None
+    # Slower ones are later even with D = I.
+    golden_section(at, math.log(100) / first, most, steps=SOONER if size <= DENSE else SOONER_LARGE)
+    best = min(found, key=lambda each: each.time, default=None)
+    return best if best is not None and best.time < WORTH_IT * first else None
+
+
+def promised_factor(claim: Weighted | Alike) -> float:
+    """The square root of max D / min D, times that of the condition of R, about."""
+    D = claim.D if isinstance(claim, Weighted) else claim.weights.D
+    ratio = float(largest(D)) / float(least(D))
+    return math.sqrt(ratio if isinstance(claim, Weighted) else ratio * float(np.linalg.cond(to_float(claim.R))))
+
+
+def even_weights(tables: Mapping[str, Any], rate: float) -> Array | None:
+    """Weights for this rate, as even as is seen."""
+    size = next(iter(tables.values())).shape[0]
+    D = _weights(tables, rate)
+    if D is None or D.max() <= D.min() * FLAT or size**3 * len(tables) > EVEN_PROGRAM:
+        return D
+    even = (each for each in _program(tables, rate) if all(_height(M, each, rate) for M in tables.values()))
+    return min((D, *even), key=lambda each: float(each.max() / each.min()))
 
 
 def _pairs(table: Any, first: Perron | None, rate: float) -> Iterator[Perron | None]:
@@ -265,6 +324,14 @@ def network_claim(problem: Problem, rate: float) -> Weighted | None:
         return None
 
 
+def weights_claim(problem: Problem, tables: Mapping[str, Any], rate: float, D: Array) -> Weighted | None:
+    """The same with these weights."""
+    try:
+        return _scaled(problem, tables, rate, (Fraction(0),) * max(1, len(problem.groups)), None, None, D)
+    except GIVEN_UP:
+        return None
+
+
 def _scaled(
     problem: Problem,
     tables: Mapping[str, Any],
@@ -272,11 +339,13 @@ def _scaled(
     sigma: Sequence[Fraction],
     P: Matrix | None,
     pair: Perron | None = None,
+    D: Array | None = None,
 ) -> Weighted | None:
     """The claim, its weights D small enough for the observer; of one mode perhaps those of its ``pair``."""
     owners = np.repeat(group_numbers(problem.groups, problem.network.labels), problem.m)
     weight = np.array([*map(float, sigma), 0.0])[owners]  # 0 for an agent without a disturbance
-    D = _weights(tables, rate) if pair is None else pair.u / pair.w
+    if D is None:
+        D = _weights(tables, rate) if pair is None else pair.u / pair.w
     known = {} if D is None else {mode: _height(M, D, rate, pair) for mode, M in tables.items()}
     heights = {mode: found for mode, found in known.items() if found is not None}
     if D is None or len(heights) < len(tables):

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from itertools import islice
 
 import numpy as np
 
-from dobc_design.conditions.consensus.propose import decay_rate
-from dobc_design.conditions.numbers import bisected, shorten
+from dobc_design.conditions.consensus.propose import DENSE, decay_rate
+from dobc_design.conditions.numbers import bisected, golden_section, shorten, time_to_one_percent
 from dobc_design.conditions.weighted.network import Alike, Network, holds_of_agents
-from dobc_design.conditions.weighted.propose import GIVEN_UP, proposals
+from dobc_design.conditions.weighted.propose import GIVEN_UP, even_weights, proposals, stiffness, weights_claim
 from dobc_design.exact.matrix import Matrix, add, multiply, nullspace, scale, subtract, to_float, transpose, zeros
 from dobc_design.exact.work import spend
 from dobc_design.problem.problem import Problem
@@ -24,17 +26,23 @@ from dobc_design.solvers.program import Array
 MOST_STATES = 20  # m, up to which an R is looked for: it has m (m + 1)/2 unknowns
 STRENGTHS = 4  # of the network, that are tried, the largest first
 BISECTIONS = 20
+# For the least time to one percent: bisections and rates of one strength, claims that are tried, part of a rate that is
+# kept; strengths, as parts of the largest one, and how many more around the best.
+COARSE, SOONER, TRIED, SAFE = 10, 8, 2, 0.9995
+GRID, CLOSER = (0.3, 0.5, 0.7, 0.82, 0.92, 1.0), 4
 PARTS = (0.9995, 0.99, 0.9, 0.5, 0.1, 0.01, 0.0)  # of the rate that is thought possible
 DIGITS = 9
 
 
 def alike_proposals(problem: Problem, network: Network, W: Matrix | None) -> Iterator[tuple[Alike, float]]:
-    """Claims with their rates (1/s), the fastest first."""
+    """Claims with their rates (1/s): the one with the least time to one percent, then the fastest first."""
     basis, slowest = symmetric_basis(network.G), float("inf")
     exosystem = problem.joint_exosystem
     if exosystem is not None and W is not None:
         slowest = decay_rate(exosystem, W)
-    for weights, strength in islice(proposals(network.statements, None), STRENGTHS):
+    if basis:
+        yield from _soonest(basis, network, slowest)
+    for weights, strength in islice(proposals(network.statements, None, sooner=False), STRENGTHS):
         top = 1.0 + float(np.abs(to_float(network.A)).sum()) + strength * float(np.abs(to_float(network.G)).sum())
         if not basis or _found(basis, network, strength, 0.0) is None:
             continue
@@ -44,6 +52,62 @@ def alike_proposals(problem: Problem, network: Network, W: Matrix | None) -> Ite
             R, c = _found(basis, network, strength, rate), Fraction(repr(strength))
             if R is not None and holds_of_agents(R, network, c, Fraction(repr(rate))):
                 yield Alike(weights=weights, strength=c, R=R), rate
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """Weights D of the network for a ``strength`` (1/s), R for a ``rate`` (1/s), and the time to one percent."""
+
+    time: float
+    strength: float
+    D: Array
+    rate: float
+    R: Matrix
+
+
+def _soonest(basis: tuple[Matrix, ...], network: Network, slowest: float) -> Iterator[tuple[Alike, float]]:
+    """The claim with the least ln(100 factor) / rate, factor^2 = max D / min D times the condition of R: the weights
+    are flatter for a smaller strength of the network, and R for a smaller rate."""
+    alone = network.statements.problem
+    tables = {mode: stiffness(alone, mode) for mode in alone.network.modes}
+    if any(table is None or table.shape[0] > DENSE for table in tables.values()):
+        return
+    strongest = next((strength for _, strength in proposals(network.statements, None, sooner=False)), 0.0)
+    plans = list[_Plan]()
+
+    def at_rate(rate: float, strength: float, D: Array) -> float:
+        R = _found(basis, network, strength, rate, even=True)
+        if R is None:
+            return math.inf
+        condition = np.linalg.cond(to_float(R)) * D.max() / D.min()
+        plans.append(_Plan(time_to_one_percent(rate, math.sqrt(condition)), strength, D, rate, R))
+        return plans[-1].time
+
+    def at_strength(strength: float) -> float:
+        with suppress(*GIVEN_UP):
+            D = even_weights(tables, strength)
+            if D is None or _found(basis, network, strength, 0.0) is None:
+                return math.inf
+            top = 1.0 + float(np.abs(to_float(network.A)).sum()) + strength * float(np.abs(to_float(network.G)).sum())
+            most = bisected(partial(seems_to_do, basis, network, strength), 0.0, top, steps=COARSE)[0]
+            most = min(most, SAFE * slowest)
+            before = len(plans)
+            golden_section(lambda rate: at_rate(rate, strength, D), most / 4, most, steps=SOONER)
+            return min((each.time for each in plans[before:]), default=math.inf)
+        return math.inf
+
+    if strongest > 0:  # the time may have several valleys
+        times = [at_strength(part * strongest) for part in GRID]
+        place = times.index(min(times))
+        low, high = GRID[max(0, place - 1)], GRID[min(len(GRID) - 1, place + 1)]
+        golden_section(at_strength, low * strongest, high * strongest, steps=CLOSER)
+    for plan in sorted(plans, key=lambda each: each.time)[:TRIED]:
+        strength, rate = shorten(plan.strength, digits=6), shorten(plan.rate * SAFE, digits=6)
+        weights = weights_claim(alone, tables, strength, plan.D)
+        c = Fraction(repr(strength))
+        if weights is not None and holds_of_agents(plan.R, network, c, Fraction(repr(rate))):
+            yield Alike(weights=weights, strength=c, R=plan.R), rate
+            return
 
 
 def symmetric_basis(G: Matrix) -> tuple[Matrix, ...]:
@@ -62,8 +126,11 @@ def symmetric_basis(G: Matrix) -> tuple[Matrix, ...]:
     return tuple(found)
 
 
-def _found(basis: tuple[Matrix, ...], network: Network, strength: float, rate: float) -> Matrix | None:
-    """The smallest R >= I that seems to do, in the basis; None if none is seen."""
+def _found(
+    basis: tuple[Matrix, ...], network: Network, strength: float, rate: float, *, even: bool = False
+) -> Matrix | None:
+    """The R >= I with the least trace that seems to do, in the basis; ``even``: with the least largest eigenvalue.
+    None if none is seen."""
     A, G, units = to_float(network.A), to_float(network.G), [to_float(each) for each in basis]
     m, seen = len(A), np.linalg.svd(G)[2][: np.linalg.matrix_rank(G)].T  # beyond the range of G' nothing can be > 0
 
@@ -77,11 +144,16 @@ def _found(basis: tuple[Matrix, ...], network: Network, strength: float, rate: f
         affine_cone([seen.T @ each @ G @ seen for each in units], -1e-9 * (G @ seen).T @ G @ seen),
     ]
     spend(len(units) ** 2 // 4)
+    cost = [float(np.trace(each)) for each in units]
+    if even:  # t I - R >= 0
+        cones = [replace(each, rows=np.column_stack([each.rows, np.zeros(len(each.right))])) for each in cones]
+        cones.append(affine_cone([*(-each for each in units), np.eye(m)], np.zeros((m, m))))
+        cost = [0.0] * len(units) + [1.0]
     with suppress(*GIVEN_UP):
-        answer = solve_cones(np.array([float(np.trace(each)) for each in units]), cones)
+        answer = solve_cones(np.array(cost), cones)
         if answer.found and answer.status in ("Solved", "AlmostSolved"):
             total = zeros(m, m)
-            for x, R in zip(answer.x.tolist(), basis, strict=True):
+            for x, R in zip(answer.x.tolist(), basis, strict=False):  # t comes last
                 total = add(total, scale(Fraction(f"{x:.{DIGITS}g}"), R))
             return total
     return None

@@ -4,18 +4,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dobc_design.conditions.check import Check, cut_check, limited, undecided_check
+from dobc_design.conditions.check import Check, cut_check, fastest_in_words, limited, undecided_check
 from dobc_design.conditions.consensus.claim import Statements
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.weighted.checks import id_for, weighted_check
-from dobc_design.conditions.weighted.decide import why_not
-from dobc_design.conditions.weighted.network import network_of
-from dobc_design.conditions.weighted.propose import disagreeing, proposals
+from dobc_design.conditions.weighted.decide import Weighted, why_not
+from dobc_design.conditions.weighted.network import Alike, network_of
+from dobc_design.conditions.weighted.propose import disagreeing, promised_factor, proposals
 from dobc_design.conditions.weighted.propose_alike import MOST_STATES, alike_proposals
 from dobc_design.exact.matrix import Matrix
 from dobc_design.exact.work import out_of_time
 from dobc_design.problem.arrays import unreached
 from dobc_design.verdict import Verdict
+
+CLOSE = 0.01  # rates that differ by a smaller part are the same
+
+
+def _with_fastest(check: Check, rate: float, fastest: tuple[Weighted | Alike, float] | None) -> Check:
+    """The check with a sentence about the fastest claim, if that is another one."""
+    if fastest is None or fastest[1] < rate * (1 + CLOSE):
+        return check
+    return replace(check, reason=check.reason + fastest_in_words(fastest[1], promised_factor(fastest[0])))
 
 
 def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
@@ -44,7 +53,7 @@ def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
         for claim, rate in found:
             check = weighted_check(id, statements, W, claim, rate=rate)
             if check.verdict is Verdict.PROVED:
-                return check
+                return _with_fastest(check, rate, next(found, None))
         check = weighted_check(id, statements, W, None, rate=0.0)
         pair = disagreeing(alone) if len(modes) > 1 else None
         if pair is None:

@@ -10,7 +10,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from dobc_design._show.cards import MOST_ITEMS, Card, Headed, listed
-from dobc_design._show.text import significant_towards_zero
+from dobc_design._show.text import significant_away_from_zero, significant_towards_zero
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.errors import SpecError
 from dobc_design.exact.matrix import Matrix
@@ -98,8 +98,9 @@ class Design(Answer):
     ``certificate`` shows it; REFUTED, nothing can do what was asked, and ``reason`` is the proof in words;
     UNDECIDED, neither was shown.  ``W`` (q, p), ``P`` (q, q) and ``gains`` (1/s, by label) are exact; ``rate`` (1/s) is
     the certified rate and ``cost`` the sum of the gains; of agents with [dynamics] these are multiples of the coupling.
-    ``decisions``: what was chosen and why; ``prices``: what each limit costs, about.  ``observer``: W with what is
-    proved of it.  ``changes``: the keys of the problem file that were set (None: removed).  ``nearest``: the design for
+    ``decisions``: what was chosen and why; ``prices``: what each limit costs, about, and the time to one percent
+    beside that of the file's gains.  ``observer``: W with what is proved of it.  ``changes``: the keys of the problem
+    file that were set (None: removed).  ``nearest``: the design for
     the nearest request that was proved possible, where this one was not.
     """
 
@@ -146,6 +147,7 @@ class Design(Answer):
             "gains": {label: number_text(k) for label, k in self.gains.items()},
             **({"coupling": self.changes["coupling.h"]} if "coupling.h" in self.changes else {}),
             "rate": self.rate,
+            "factor": None if self.certificate is None else self.certificate.factor,
             "cost": None if self.cost is None else float_above(self.cost),
             "reason": self.reason,
             "problem": None if self.problem is None else self.problem.name,
@@ -165,6 +167,8 @@ class Design(Answer):
             facts.append(("gains in 1/s", listed(pairs, count=len(self.gains))))
         if self.rate is not None:
             facts.append(("certified rate in 1/s", significant_towards_zero(self.rate, 6)))
+        if self.certificate is not None and self.certificate.factor is not None:
+            facts.append(("factor of it", significant_away_from_zero(self.certificate.factor, 6)))
         facts += [("decided", sentence) for sentence in self.decisions]
         if self.nearest is not None:
             facts.append(("nearest possible", self.nearest.limits))

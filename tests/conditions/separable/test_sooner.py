@@ -1,0 +1,92 @@
+"""Weights with the least certified time to one percent, ln(100 max v / min v) / rate."""
+
+import math
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from certified import certified
+from scipy.optimize import linprog
+
+from dobc_design import Network, Problem, load_problem, verify
+from dobc_design.conditions.numbers import golden_section, time_to_one_percent
+from dobc_design.conditions.separable.propose import design_separable, field_of, least_solution, sooner_plan
+
+FOUND = Path(__file__).resolve().parents[2] / "found"
+CHAIN = Problem(
+    network=Network.from_arcs([[2, 1], [3, 2], [4, 3], [5, 4]], arrow="listens_to", agents=5),
+    coupling="2*y",
+    gains={1: 3},
+)
+
+
+def stiffness() -> np.ndarray:
+    """M of the chain: agent 1 has k = 3, the others 2 (x_i - x_(i - 1))."""
+    return np.diag([3.0, 2, 2, 2, 2]) - np.diag([2.0] * 4, -1)
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 1.6])
+def test_the_least_weights_have_the_least_largest_one(rate: float):
+    """A linear program: minimise t over 1 <= v <= t, (M - rate I) v >= 0."""
+    M, n = stiffness() - rate * np.eye(5), 5
+    rows = np.vstack([np.hstack([-M, np.zeros((n, 1))]), np.hstack([np.eye(n), -np.ones((n, 1))])])
+    answer = linprog(np.append(np.zeros(n), 1.0), A_ub=rows, b_ub=np.zeros(2 * n), bounds=[(1, None)] * n + [(0, None)])
+    v = least_solution(field_of(CHAIN, rho=1.0), alpha=rate, start=np.ones(n))
+    assert v is not None
+    assert v.max() == pytest.approx(answer.fun, rel=1e-6)
+
+
+def test_no_other_rate_of_a_chain_settles_earlier():
+    """By the linear program on a fine grid of rates: v_1 = 1, v_(i + 1) = 2 v_i / (2 - rate)."""
+    plan = design_separable(CHAIN, radius=Fraction(1))
+    assert plan is not None
+    sooner = sooner_plan(CHAIN, plan, radius=Fraction(1), disturbance=Fraction(0), W=None)
+    grid = (time_to_one_percent(rate, (2 / (2 - rate)) ** 4) for rate in np.linspace(0.01, 1.99, 2000))
+    assert sooner.time == pytest.approx(min(grid), rel=2e-3)
+    assert sooner.time < 0.75 * plan.time
+    assert sooner.rate < plan.rate
+
+
+def test_a_flat_plan_is_left_as_it_is():
+    alike = Problem(network=CHAIN.network, coupling="2*y", gains=3)
+    plan = design_separable(alike, radius=Fraction(1))
+    assert plan is not None
+    assert sooner_plan(alike, plan, radius=Fraction(1), disturbance=Fraction(0), W=None) is plan
+
+
+def test_a_golden_section_closes_in_on_the_minimum():
+    seen: list[float] = []
+
+    def f(x: float) -> float:
+        seen.append(x)
+        return (x - 0.3) ** 2
+
+    golden_section(f, 0.0, 1.0, steps=12)
+    assert len(seen) == 12
+    assert min(abs(x - 0.3) for x in seen) < 0.01
+
+
+def test_the_fastest_weights_of_eight_drones_are_not_chosen():
+    """At 0.987 1/s they reach from 1 to 1e6, and the bound starts at ten million for an error of 7."""
+    problem = load_problem(FOUND / "drones.toml")
+    certificate = certified(problem)
+    check = certificate.check("max-separable")
+    assert certificate.covered_by == "max-separable"
+    assert (certificate.rate, certificate.factor) == (check.rate, check.factor)
+    assert check.time_to_one_percent < 12.3
+    assert (check.factor or math.inf) < 80
+    assert "The largest rate is about 0.98" in check.reason
+    assert "falls to one percent within 12.2 s" in certificate.reason
+    assert check.domain == {"kind": "box", "radius": 7.0, "disturbance": 1.0}
+    assert verify(certificate, problem).holds
+
+
+def test_the_bound_of_four_cars_starts_near_their_error():
+    """A full P_e of condition 50 in place of 3e11."""
+    certificate = certified(load_problem(FOUND / "cars.toml"))
+    check = certificate.check("lure")
+    assert certificate.covered_by == "lure"
+    assert check.time_to_one_percent < 12.5
+    assert (check.factor or math.inf) < 10
+    assert "The largest rate is about" in check.reason

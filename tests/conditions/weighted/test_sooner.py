@@ -1,0 +1,53 @@
+"""Weights D, and R of agents with dynamics, with the least certified time to one percent."""
+
+import math
+
+import numpy as np
+import pytest
+from certified import certified
+
+from dobc_design import Dynamics, Network, Problem
+from dobc_design.conditions.consensus.claim import state_theorems
+from dobc_design.conditions.numbers import time_to_one_percent
+from dobc_design.conditions.weighted.propose import proposals, soonest_weights, stiffness
+
+CHAIN = Network.from_arcs([[2, 1], [3, 2], [4, 3], [5, 4], [6, 5]], arrow="listens_to", agents=6)
+SLOW = Problem(network=CHAIN, coupling="2*y", gains={1: 3})
+DOUBLE = Dynamics(A=[[0, 1], [0, 0]], B=[[0], [1]])
+
+
+def test_the_first_claim_settles_earlier_than_the_fastest():
+    first, second, *_ = proposals(state_theorems(SLOW), None)
+    times = [time_to_one_percent(rate, math.sqrt(max(claim.D) / min(claim.D))) for claim, rate in (first, second)]
+    assert first[1] < second[1]
+    assert times[0] < 0.7 * times[1]
+
+
+def test_the_weights_do_for_their_rate():
+    """D (M - rate I) + (M - rate I)'D > 0 by eigenvalues, and no more than the fastest weights are apart."""
+    M = stiffness(SLOW, next(iter(SLOW.network.modes)))
+    found = soonest_weights({"G": M}, 1.99, None)
+    assert found is not None
+    X = np.diag(found.D) @ (M.toarray() - found.rate * np.eye(6))
+    assert np.linalg.eigvalsh(X + X.T)[0] > 0
+    assert found.time == pytest.approx(time_to_one_percent(found.rate, math.sqrt(found.D.max() / found.D.min())))
+
+
+def test_an_undirected_network_needs_no_weights():
+    both = Network.from_arcs([[1, 2], [2, 1], [2, 3], [3, 2]], arrow="listens_to", agents=3)
+    M = stiffness(Problem(network=both, coupling="y", gains={1: 1}), "G")
+    assert soonest_weights({"G": M}, 0.19, np.ones(3)) is None
+
+
+def test_the_largest_rate_is_stated_beside_the_one_that_settles_first():
+    check = certified(SLOW).check("theorem1-weighted")
+    assert "The largest rate is about 1.99" in check.reason
+    assert check.time_to_one_percent < 6.8
+
+
+def test_a_line_of_double_integrators_settles_earlier_than_by_its_fastest_weights():
+    """The fastest weights of a line lie apart by powers of ten for each hop."""
+    line = Problem(network=CHAIN, coupling="y1 + 2*y2", gains={1: [[1, 2]]}, dynamics=DOUBLE, target=[0, 0])
+    check = certified(line).check("theorem1-weighted")
+    assert "The largest rate is about" in check.reason
+    assert (check.factor or math.inf) < 100

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from fractions import Fraction
 from functools import partial
 from itertools import zip_longest
 
@@ -44,9 +45,9 @@ from dobc_design.conditions.schedule.stage import asked_of, read_tolerance, sche
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.conditions.stated import stated_in
 from dobc_design.conditions.weighted.stage import weighted_stage
-from dobc_design.errors import DobcError
+from dobc_design.errors import DobcError, wrong
 from dobc_design.exact.matrix import Matrix, multiply, to_float
-from dobc_design.exact.number import Number, number_text
+from dobc_design.exact.number import Number, number_text, parse_number
 from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit, until
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
@@ -74,6 +75,7 @@ def certify(
     *,
     everything: bool = False,
     settling: Number | None = None,
+    rate: Number | None = None,
     time_limit: Number | None = None,
     progress: Reports[str] = None,
 ) -> Certificate:
@@ -84,6 +86,7 @@ def certify(
     unit of x; the time after which |e(t)|_inf stays below it is proved as well (with ``everything`` and a region a
     hundredth of its radius by default).  ``time_limit`` (s): stages that would begin later are left out, and long ones
     cut off; without one every stage has a limit that is counted, so that the same input gives the same claims.
+    ``rate`` (1/s): proofs with at least this rate are looked for; without it those with the least time to one percent.
     ``progress``: True for a bar, or a function of the name of each stage.
     Returns: a Certificate; its verdict is PROVED, REFUTED or UNDECIDED.
     Raises: SpecError for a wrong problem.  A numerical library that breaks down costs at most a shorter proof.
@@ -100,13 +103,16 @@ def certify(
     seconds = None if time_limit is None else read_time_limit(time_limit)
     options = ["--all"] if everything else []
     options += [] if tolerance is None else [f"--settling {number_text(tolerance)}"]
+    wanted = None if rate is None else _read_rate(rate)
+    options += [] if wanted is None else [f"--rate {number_text(wanted)}"]
     options += [] if seconds is None else [f"--time-limit {number_text(seconds)}"]
+    least = 0.0 if wanted is None else float(wanted)
     with until(None if seconds is None else float(seconds)):
-        found = decide(problem, report)
+        found = decide(problem, report, rate=least)
         P = None if found.pair is None else found.pair.P
         findings = Findings(statements=found.statements, directions=found.directions, P=P)
         checks, W, pair, domain = found.checks, found.W, found.pair, found.statements.domain
-        regions = partial(region_checks, problem, W, domain=domain, everything=everything, report=report)
+        regions = partial(region_checks, problem, W, domain=domain, everything=everything, report=report, rate=least)
         guaranteed = problem.switching is not None and problem.switching.is_guaranteed
         own = tuple(regions(checks)) if guaranteed else ()  # it may need no cure of single modes
         curable = given.dynamics is None and out_of_time() is None
@@ -141,6 +147,14 @@ def certify(
         )
         report("asking the second program")
         return Certificate(problem=given, claims=agreed(claims, problem))
+
+
+def _read_rate(value: Number) -> Fraction:
+    """A rate > 0 in 1/s.  Raises: SpecError for anything else."""
+    rate = parse_number(value, key="rate")
+    if rate <= 0:
+        raise wrong("rate", f"must be > 0, in 1/s; got {number_text(rate)}.", "Leave it out for the least time.")
+    return rate
 
 
 def verify(certificate: Certificate | Claims | bytes, problem: Source) -> Recheck:
@@ -185,7 +199,14 @@ def certify_settling(
 
 
 def region_checks(
-    problem: Problem, W: Matrix | None, checks: Sequence[Check], *, domain: str, everything: bool, report: Progress
+    problem: Problem,
+    W: Matrix | None,
+    checks: Sequence[Check],
+    *,
+    domain: str,
+    everything: bool,
+    report: Progress,
+    rate: float = 0.0,
 ) -> list[Check]:
     """Examine the region, or with ``everything`` the largest box where none is asked for; W is what ``checks`` are
     for.  Nothing is examined where ``checks`` cover the region already, unless ``everything`` is wanted.  Of linear
@@ -195,21 +216,21 @@ def region_checks(
     if problem.region is None and not known:
         known = decide_overall(problem, checks, W).verdict is not Verdict.UNDECIDED
         if problem.slopes_move:  # no check at one point speaks of close starts
-            asked = read_region(problem, W, domain=domain, everything=everything)
+            asked = read_region(problem, W, domain=domain, everything=everything, rate=rate)
             least = NEAR * (W is not None)
             near = replace(asked, disturbance=max(asked.disturbance, least))
             near = near if everything else replace(asked, radius=NEAR, ball=NEAR, disturbance=least)
             return quadratic_stage(near, report)
         several = problem.network.switches or problem.origin is not None
         if several and not (known or everything or domain == "global"):
-            asked = read_region(problem, W, domain=domain, everything=False)
+            asked = read_region(problem, W, domain=domain, everything=False, rate=rate)
             asked = replace(asked, radius=NEAR, disturbance=NEAR * (W is not None))
             found = separable_stage(asked, report)
             if not any(covers(problem, check, found) for check in found):
                 found += schedule_stage(asked, report) + markov_stage(asked, report)
             return found + (margins_stage(asked, found, report) if stated_in(problem).relative else [])
         known = known or domain != "global"
-    asked = read_region(problem, W, domain=domain, everything=everything)
+    asked = read_region(problem, W, domain=domain, everything=everything, rate=rate)
     found = []
     for stage in STAGES if everything or not known else STAGES[: is_asked(asked)]:
         found += stage(asked, report)
@@ -258,8 +279,8 @@ class Decided:
     how: str = ""  # the pair came about, where not the usual way
 
 
-def decide(problem: Problem, report: Progress) -> Decided:
-    """Run every condition that applies; no cures."""
+def decide(problem: Problem, report: Progress, *, rate: float = 0.0) -> Decided:
+    """Run every condition that applies; no cures.  ``rate``: as in ``certify``."""
     report("stating the theorems")
     statements = state_theorems(problem)
     tops: dict[str, Top] = {}
@@ -273,7 +294,7 @@ def decide(problem: Problem, report: Progress) -> Decided:
     checks = (*(reachability_check(problem, mode) for mode in problem.network.modes), *lemmas)
     exosystem = problem.joint_exosystem
     if exosystem is None:
-        checks += tuple(weighted_stage(statements, None))
+        checks += tuple(weighted_stage(statements, None, rate=rate))
         checks += tuple(linearisation_stage(problem, statements, checks, None))
         return Decided(checks=checks, statements=statements, directions=run.found)
     report("deciding the observer")
@@ -282,7 +303,7 @@ def decide(problem: Problem, report: Progress) -> Decided:
     first = run.observer_checks(gains)
     report("deciding the theorem")
     theorems, pair, how = run.theorem_checks(exosystem, gains, lemmas, first)
-    checks = (*first, *checks, *theorems, *weighted_stage(statements, join(gains)))
+    checks = (*first, *checks, *theorems, *weighted_stage(statements, join(gains), rate=rate))
     return Decided(
         checks=(*checks, *linearisation_stage(problem, statements, checks, join(gains))),
         statements=statements,

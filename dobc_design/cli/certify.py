@@ -40,6 +40,10 @@ def certify(
         str | None, typer.Option(help="Show and judge only this condition, e.g. lemma1.", autocompletion=output.ids)
     ] = None,
     settling: output.Tolerance = None,
+    rate: Annotated[
+        str | None,
+        typer.Option(help="Look for proofs with at least this rate, 1/s; default: the least time to 1 %."),
+    ] = None,
     time_limit: output.TimeLimit = None,
     search: output.Search = False,
     report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html and report.md.")] = True,
@@ -75,7 +79,7 @@ def certify(
         folder = require_own(output.results_folder(out, problem.name), problem.name, force=force)
         pages: dict[str, bytes] = {}
         with stages as progress:
-            how: dict[str, Any] = {"everything": everything, "time_limit": seconds}
+            how: dict[str, Any] = {"everything": everything, "rate": rate, "time_limit": seconds}
             certificate, searches = _certified(problem, tolerance, progress, search=search, **how)
             cured = None if apply_fix is None else _cured_file(certificate, file, apply_fix)
             if report:
@@ -109,10 +113,10 @@ def certify(
             document["searches"] = [each.to_json() for each in searches]
         if theorem is not None:
             rates = [each.rate for each in checks if each.rate is not None]
-            rate = min(rates) if verdict == "proved" and len(rates) == len(checks) else None
+            slowest = min(rates) if verdict == "proved" and len(rates) == len(checks) else None
             factors = [each.factor for each in checks if each.factor is not None]
-            factor = max(factors) if rate is not None and len(factors) == len(checks) else None
-            document |= {"verdict": verdict, "reason": reason, "rate": rate, "factor": factor}
+            factor = max(factors) if slowest is not None and len(factors) == len(checks) else None
+            document |= {"verdict": verdict, "reason": reason, "rate": slowest, "factor": factor}
             document |= {"covered_by": theorem if verdict == "proved" else None, "theorem": theorem}
         output.print_json(document)
     elif not quiet:

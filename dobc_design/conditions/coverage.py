@@ -94,7 +94,8 @@ class Asked:
 
     ``ball``: |e| <= ball holds all of these starts, and no less of the region does.  ``wanted`` is False where no
     region was asked for and the largest up to ``radius`` is looked for.  ``domain``: that of Lemma 1.  ``everything``:
-    go on where the region is covered already.
+    go on where the region is covered already.  ``rate`` (1/s): of those with at least this rate the proof with the
+    least time to one percent is looked for.
     """
 
     problem: Problem
@@ -105,9 +106,10 @@ class Asked:
     domain: str
     wanted: bool
     everything: bool
+    rate: float = 0.0
 
 
-def read_region(problem: Problem, W: Matrix | None, *, domain: str, everything: bool) -> Asked:
+def read_region(problem: Problem, W: Matrix | None, *, domain: str, everything: bool, rate: float = 0.0) -> Asked:
     """Decimals that are not below what is asked; a point counts as a small region."""
     region = problem.region
     reach = (CAP,) * problem.m if region is None else asked_radius(problem)
@@ -127,4 +129,5 @@ def read_region(problem: Problem, W: Matrix | None, *, domain: str, everything: 
         domain=domain,
         wanted=region is not None,
         everything=everything,
+        rate=rate,
     )

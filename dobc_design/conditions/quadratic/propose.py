@@ -100,10 +100,11 @@ def sooner_lures(
     ball: Fraction,
     disturbance: Fraction,
     steps: int,
+    least: float = 0.0,
 ) -> Iterator[Lure]:
     """Certificates that ``holds`` accepts with smaller rates and flatter P_e, which promise the least time to one
     percent first; each covers |e| <= ball, |eps_i| <= disturbance.  ``lures`` do, with growing rates > 0: the search
-    begins at the next faster one.  ``steps``: rates that are tried."""
+    begins at the next faster one.  ``steps``: rates that are tried, all of them at least ``least`` (1/s)."""
     found: list[tuple[float, _Search, _Point]] = []
 
     def at(rate: float) -> float:
@@ -122,7 +123,10 @@ def sooner_lures(
         return time
 
     first = min(time_to_one_percent(float(each.rate), math.sqrt(condition_of(each))) for each in lures)
-    golden_section(at, math.log(100) / first, float(lures[-1].rate), steps=steps)
+    shortest, longest = max(math.log(100) / first, least), float(lures[-1].rate)
+    if longest <= shortest:
+        return
+    golden_section(at, shortest, longest, steps=steps)
     for time, search, point in sorted(found, key=lambda each: each[0]):
         if time < first:
             yield from islice(filter(holds, search.roundings(point)), 1)

@@ -48,6 +48,7 @@ FIRST_PART, RATE_STEPS, FEWER_STEPS, MANY_ROWS = 0.5, 5, 3, 11
 MODE: Final = 20  # steps of work for the inequality of a mode
 #: Rates that are tried for the least time to one percent; times are next to that of P_e = I below this part.
 SOONER, FLAT = 5, 1.01
+KEPT = 0.002  # how much faster than wanted, for digits that are cut
 _LARGEST: Final = Fraction(400)  # no |e_j - e_i| beyond is looked at, unless the region asks for more
 
 
@@ -159,7 +160,8 @@ def _timed(asked: Asked, first: Found) -> tuple[Found, str]:
     """The same region with the least time to one percent that is found, and what the largest rate would be."""
     seen = _faster(asked, first)
     fastest = seen[-1]
-    best = min([*_flatter(asked, seen), *reversed(seen)], key=_time)
+    fast = [each for each in seen if each.lure.rate >= asked.rate] or [fastest]
+    best = min([*_flatter(asked, seen), *reversed(fast)], key=_time)
     with suppress(WorkLimitError):
         best = replace(best, lure=raise_rate(asked.problem, best.lure, holds=partial(holds, asked.problem)))
     if best.lure.rate >= fastest.lure.rate:
@@ -188,6 +190,7 @@ def _flatter(asked: Asked, seen: Sequence[Found]) -> list[Found]:
             ball=claimed(asked.ball),
             disturbance=claimed(asked.disturbance),
             steps=SOONER,
+            least=asked.rate * (1 + KEPT),
         )
         for lure in sooner:
             radius = certified_ball(asked.problem, lure, disturbance=asked.disturbance)

@@ -341,6 +341,7 @@ ROUNDING = 1e-15  # of h, absolutely
 # v of a smaller factor are flat.  Rates that are tried for the least time to one percent of few agents; the part of the
 # time from which on a slower rate is not worth it.
 FLAT, SOONER, WORTH_IT = 1.05, 8, 0.995
+KEPT = 0.005  # how much faster than wanted a plan is to be, of which rounding may take some
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -510,14 +511,22 @@ def design_separable(
 
 
 def sooner_plan(
-    problem: Problem, plan: SeparablePlan, *, radius: Fraction, disturbance: Fraction, W: Matrix | None
+    problem: Problem,
+    plan: SeparablePlan,
+    *,
+    radius: Fraction,
+    disturbance: Fraction,
+    W: Matrix | None,
+    least: float = 0.0,
 ) -> SeparablePlan:
-    """The plan for the same starts that promises the least time to one percent, ln(100 max v / min v) / rate; ``plan``
-    itself, which has the largest rate, where none is earlier.
+    """The plan for the same starts with a rate of at least ``least`` (1/s) that promises the least time to one percent,
+    ln(100 max v / min v) / rate; ``plan`` itself, which has the largest rate, where none is earlier.
 
     The least v >= 1 of a rate has the least max v as well, so that one search over the rate does."""
     longest = plan.whole_rate
-    if plan.factor < FLAT or longest <= 0:
+    # Slower ones than that are later even with v = 1.
+    shortest = max(longest * math.log(100) / math.log(100 * plan.factor), least * (1 + KEPT))
+    if plan.factor < FLAT or longest <= shortest:
         return plan
     best = plan
     if problem.n > FEW_AGENTS:  # another v takes long
@@ -536,8 +545,7 @@ def sooner_plan(
             best = min(best, found, key=lambda each: each.time)
             return found.time
 
-        # Slower ones are later even with v = 1.
-        golden_section(at, longest * math.log(100) / math.log(100 * plan.factor), longest, steps=SOONER)
+        golden_section(at, shortest, longest, steps=SOONER)
         if best.time > plan.time * WORTH_IT:
             return plan
         if best.error is None or problem.joint_exosystem is None or W is None:

@@ -24,6 +24,7 @@ from dobc_design.conditions.separable.claim import MOST_COMPONENTS, ErrorBound, 
 from dobc_design.conditions.separable.coordinates import MOST_FREE, enclosed_ranges, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle
 from dobc_design.conditions.separable.propose import (
+    KEPT,
     LARGE,
     WORTH_IT,
     SeparablePlan,
@@ -249,10 +250,16 @@ def _rounded(T: Array) -> Matrix | None:
 
 
 def propose_coordinates(
-    problem: Problem, W: Matrix | None, radius: Fraction, disturbance: Fraction, *, everywhere: bool = False
+    problem: Problem,
+    W: Matrix | None,
+    radius: Fraction,
+    disturbance: Fraction,
+    *,
+    everywhere: bool = False,
+    least: float = 0.0,
 ) -> Separable | None:
     """A claim of every start with |e|_inf <= radius and |eps_i| <= disturbance, or ``everywhere``, whose rows hold; or
-    None."""
+    None.  ``least``: the rate (1/s) that it should have."""
     if problem.m > MOST_COMPONENTS:
         return None
     agents, part = Agents.of(problem, most=problem.n), Agents.of(problem, most=LARGE)
@@ -262,7 +269,7 @@ def propose_coordinates(
         if T is not None and T not in found:
             found[T] = Search(part, W, T, radius, disturbance, everywhere).promise()
     best = sorted((T for T in found if found[T][1] > 0), key=lambda T: found[T])[:BEST]
-    searches = (Search(agents, W, T, radius, disturbance, everywhere) for T in best)
+    searches = (Search(agents, W, T, radius, disturbance, everywhere, least) for T in best)
     return next((claim for search in searches for claim in search.claims(found[search.T][1])), None)
 
 
@@ -276,6 +283,7 @@ class Search:
     radius: Fraction
     disturbance: Fraction
     everywhere: bool
+    least: float = 0.0
 
     def claims(self, rate: float) -> Iterator[Separable]:
         """Claims whose rows hold, the fastest first; ``rate``: what is expected."""
@@ -326,6 +334,9 @@ class Search:
         first = time_to_one_percent(longest, _factor(T, v))
         if gains is None or not 0 < first * longest < math.inf or agents.size > LARGE:
             return None
+        shortest = max(math.log(100) / first, self.least * (1 + KEPT))
+        if longest <= shortest:
+            return None
         rows, found = Rows(agents, T, gains), list[tuple[float, Array]]()
 
         def at(alpha: float) -> float:
@@ -336,7 +347,7 @@ class Search:
             found.append((time_to_one_percent(min(alpha, limit), _factor(T, w.reshape(v.shape))), w.reshape(v.shape)))
             return found[-1][0]
 
-        golden_section(at, math.log(100) / first, longest, steps=SOONER)
+        golden_section(at, shortest, longest, steps=SOONER)
         time, best = min(found, key=lambda each: each[0], default=(math.inf, None))
         return best if time < WORTH_IT * first else None
 

@@ -73,7 +73,7 @@ def _in_coordinates(asked: Asked) -> tuple[dict[float, Separable], str | None]:
         radius = _short(asked.radius / 2**halvings) if halvings else asked.radius
         with surviving(f"no coordinates for radius {radius}", WorkLimitError):
             size, s = claimed(radius), claimed(asked.disturbance)
-            claim = propose_coordinates(asked.problem, asked.W, size, s, everywhere=everywhere)
+            claim = propose_coordinates(asked.problem, asked.W, size, s, everywhere=everywhere, least=asked.rate)
             if claim is not None:
                 claims[radius] = claim
         return radius in claims
@@ -210,7 +210,7 @@ def _sooner(asked: Asked, radius: float, plan: SeparablePlan) -> SeparablePlan:
         return plan
     sooner = plan
     with surviving(f"no earlier max-separable proposal for radius {radius}", WorkLimitError):
-        sooner = propose.sooner_plan(asked.problem, plan, **_starts(asked, radius), W=asked.W)
+        sooner = propose.sooner_plan(asked.problem, plan, **_starts(asked, radius), W=asked.W, least=asked.rate)
     return sooner
 
 

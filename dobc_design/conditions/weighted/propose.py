@@ -56,9 +56,11 @@ CLOSE, QUICK = (1e-2, 1e-5), 400  # where iterations stop
 GIVEN_UP = (ArithmeticError, RuntimeError, ValueError, MemoryError, np.linalg.LinAlgError)
 
 
-def proposals(statements: Statements, W: Matrix | None, *, sooner: bool = True) -> Iterator[tuple[Weighted, float]]:
-    """Claims with their rates (1/s): the one with the least time to one percent if ``sooner``, then the fastest
-    first."""
+def proposals(
+    statements: Statements, W: Matrix | None, *, sooner: bool = True, least: float = 0.0
+) -> Iterator[tuple[Weighted, float]]:
+    """Claims with their rates (1/s): if ``sooner``, of those with at least ``least`` the one with the least time to one
+    percent; then the fastest first."""
     problem = statements.problem
     tables = {mode: stiffness(problem, mode) for mode in problem.network.modes}
     if any(table is None for table in tables.values()) or (problem.groups and W is None):
@@ -76,7 +78,7 @@ def proposals(statements: Statements, W: Matrix | None, *, sooner: bool = True) 
         most = bisected(lambda rate: _weights(tables, rate) is not None, 0.0, most, steps=BISECTIONS)[0]
     best = None
     if sooner:
-        best = soonest_weights(tables, most, None if others or first is None else first.u / first.w)
+        best = soonest_weights(tables, most, None if others or first is None else first.u / first.w, least)
     planned = [] if best is None else [(best.rate, best.D)]
     for rate, D in [*planned, *((shorten(part * most, digits=6), None) for part in PARTS)]:
         with suppress(*GIVEN_UP):
@@ -98,9 +100,10 @@ class Sooner:
     D: Array
 
 
-def soonest_weights(tables: Mapping[str, Any], most: float, fastest: Array | None) -> Sooner | None:
-    """The weights and the rate up to ``most`` with the least ln(100 sqrt(max D / min D)) / rate.  ``fastest``: weights
-    for the rate ``most``, where they are known.  None where a slower rate is not worth it."""
+def soonest_weights(tables: Mapping[str, Any], most: float, fastest: Array | None, least: float = 0.0) -> Sooner | None:
+    """The weights and the rate from ``least`` to ``most`` (1/s) with the least ln(100 sqrt(max D / min D)) / rate.
+
+    ``fastest``: weights for the rate ``most``, where they are known.  None where a slower rate is not worth it."""
     size, found = next(iter(tables.values())).shape[0], list[Sooner]()
 
     def at(rate: float) -> float:
@@ -115,8 +118,10 @@ def soonest_weights(tables: Mapping[str, Any], most: float, fastest: Array | Non
     first = at(most) if fastest is None else time_to_one_percent(most, math.sqrt(fastest.max() / fastest.min()))
     if not most > 0 or not math.isfinite(first) or first * most < FLAT * math.log(100):
         return None
-    # Slower ones are later even with D = I.
-    golden_section(at, math.log(100) / first, most, steps=SOONER if size <= DENSE else SOONER_LARGE)
+    shortest = max(math.log(100) / first, least)  # slower ones are later even with D = I
+    if shortest >= most:
+        return None
+    golden_section(at, shortest, most, steps=SOONER if size <= DENSE else SOONER_LARGE)
     best = min(found, key=lambda each: each.time, default=None)
     return best if best is not None and best.time < WORTH_IT * first else None
 

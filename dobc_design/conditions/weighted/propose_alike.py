@@ -34,14 +34,17 @@ PARTS = (0.9995, 0.99, 0.9, 0.5, 0.1, 0.01, 0.0)  # of the rate that is thought 
 DIGITS = 9
 
 
-def alike_proposals(problem: Problem, network: Network, W: Matrix | None) -> Iterator[tuple[Alike, float]]:
-    """Claims with their rates (1/s): the one with the least time to one percent, then the fastest first."""
+def alike_proposals(
+    problem: Problem, network: Network, W: Matrix | None, *, least: float = 0.0
+) -> Iterator[tuple[Alike, float]]:
+    """Claims with their rates (1/s): of those with at least ``least`` the one with the least time to one percent, then
+    the fastest first."""
     basis, slowest = symmetric_basis(network.G), float("inf")
     exosystem = problem.joint_exosystem
     if exosystem is not None and W is not None:
         slowest = decay_rate(exosystem, W)
     if basis:
-        yield from _soonest(basis, network, slowest)
+        yield from _soonest(basis, network, slowest, least)
     for weights, strength in islice(proposals(network.statements, None, sooner=False), STRENGTHS):
         top = 1.0 + float(np.abs(to_float(network.A)).sum()) + strength * float(np.abs(to_float(network.G)).sum())
         if not basis or _found(basis, network, strength, 0.0) is None:
@@ -65,9 +68,13 @@ class _Plan:
     R: Matrix
 
 
-def _soonest(basis: tuple[Matrix, ...], network: Network, slowest: float) -> Iterator[tuple[Alike, float]]:
-    """The claim with the least ln(100 factor) / rate, factor^2 = max D / min D times the condition of R: the weights
-    are flatter for a smaller strength of the network, and R for a smaller rate."""
+def _soonest(
+    basis: tuple[Matrix, ...], network: Network, slowest: float, least: float
+) -> Iterator[tuple[Alike, float]]:
+    """The claim with a rate from ``least`` to ``slowest`` (1/s) and the least ln(100 factor) / rate.
+
+    factor^2 = max D / min D times the condition of R: the weights are flatter for a smaller strength of the network,
+    and R for a smaller rate."""
     alone = network.statements.problem
     tables = {mode: stiffness(alone, mode) for mode in alone.network.modes}
     if any(table is None or table.shape[0] > DENSE for table in tables.values()):
@@ -90,9 +97,10 @@ def _soonest(basis: tuple[Matrix, ...], network: Network, slowest: float) -> Ite
                 return math.inf
             top = 1.0 + float(np.abs(to_float(network.A)).sum()) + strength * float(np.abs(to_float(network.G)).sum())
             most = bisected(partial(seems_to_do, basis, network, strength), 0.0, top, steps=COARSE)[0]
-            most = min(most, SAFE * slowest)
+            most, shortest = min(most, SAFE * slowest), max(most / 4, least / SAFE)
             before = len(plans)
-            golden_section(lambda rate: at_rate(rate, strength, D), most / 4, most, steps=SOONER)
+            if shortest < most:
+                golden_section(lambda rate: at_rate(rate, strength, D), shortest, most, steps=SOONER)
             return min((each.time for each in plans[before:]), default=math.inf)
         return math.inf
 

@@ -17,6 +17,7 @@ from dobc_design.exact.work import out_of_time
 from dobc_design.problem.arrays import unreached
 from dobc_design.verdict import Verdict
 
+KEPT = 0.002  # how much faster than wanted, for digits that are cut
 CLOSE = 0.01  # rates that differ by a smaller part are the same
 
 
@@ -27,8 +28,9 @@ def _with_fastest(check: Check, rate: float, fastest: tuple[Weighted | Alike, fl
     return replace(check, reason=check.reason + fastest_in_words(fastest[1], promised_factor(fastest[0])))
 
 
-def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
-    """The check of the weighted theorem for the gain W (q, m); none where it says no more than other checks."""
+def weighted_stage(statements: Statements, W: Matrix | None, *, rate: float = 0.0) -> list[Check]:
+    """The check of the weighted theorem for the gain W (q, m); none where it says no more than other checks.  ``rate``
+    (1/s): of the claims with at least this rate the one with the least time to one percent is looked for."""
     problem = statements.problem
     modes = problem.network.modes
     id = id_for(problem)
@@ -49,11 +51,12 @@ def weighted_stage(statements: Statements, W: Matrix | None) -> list[Check]:
         return [undecided_check(id, statements.domain, reason)]
 
     def decided() -> Check:
-        found = proposals(statements, W) if network is None else alike_proposals(problem, network, W)
-        for claim, rate in found:
-            check = weighted_check(id, statements, W, claim, rate=rate)
+        least = rate * (1 + KEPT)
+        found = alike_proposals(problem, network, W, least=least) if network else proposals(statements, W, least=least)
+        for claim, speed in found:
+            check = weighted_check(id, statements, W, claim, rate=speed)
             if check.verdict is Verdict.PROVED:
-                return _with_fastest(check, rate, next(found, None))
+                return _with_fastest(check, speed, next(found, None))
         check = weighted_check(id, statements, W, None, rate=0.0)
         pair = disagreeing(alone) if len(modes) > 1 else None
         if pair is None:

@@ -16,10 +16,11 @@ from functools import cache
 from itertools import chain, islice, pairwise, product
 from typing import Any
 
+from dobc_design.certificate.certificate import Certificate
 from dobc_design.certification.certify import certify
 from dobc_design.conditions.consensus.network import name_agents
 from dobc_design.conditions.consensus.pinning import fastest_rate, network_blocks
-from dobc_design.conditions.coverage import Progress, asked_radius
+from dobc_design.conditions.coverage import Progress, asked_radius, covers
 from dobc_design.conditions.numbers import claimed, shorten
 from dobc_design.conditions.observer.decide import too_large
 from dobc_design.conditions.separable.claim import acts_by_component
@@ -28,7 +29,7 @@ from dobc_design.errors import SpecError
 from dobc_design.exact.reading import counted, shown
 from dobc_design.problem.changes import changed_problem, gain_changes, typed_matrix, typed_number, value_text
 from dobc_design.problem.dynamics import Dynamics
-from dobc_design.problem.integrators import observed
+from dobc_design.problem.integrators import as_integrators, observed
 from dobc_design.problem.problem import Problem
 from dobc_design.synthesis.joint import agents
 from dobc_design.synthesis.joint.claim import AXES, Design, DesignRequest, TradeOff, TradePoint
@@ -227,17 +228,19 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         wanted |= gain_changes(problem, W)
     designed = changed_problem(problem, wanted)
     ground.progress("certifying the design")
-    proof, whole = certify(designed, progress=ground.progress), ""
+    least = max(claimed(shorten(proposal.aim * NEARLY, digits=6)), request.rate or Fraction(0)) or None
+    proof, whole = certify(designed, rate=least, progress=ground.progress), ""
     hoped = proposal.aim * NEARLY if request.rate is not None or ground.part > HALF else 0.0
-    if proof.verdict is Verdict.PROVED and (proof.rate or 0.0) < hoped and designed.is_linear and designed.region:
+    if proof.verdict is Verdict.PROVED and (_rate_of(proof) or 0.0) < hoped and designed.is_linear and designed.region:
         # A proof of every start came first, with a lower rate.
-        proof = certify(designed, everything=True, progress=ground.progress)
+        proof = certify(designed, rate=least, everything=True, progress=ground.progress)
         whole = " That rate is proved when every condition is run (dobc certify --all)."
+    rate = _rate_of(proof)
     verdict = Verdict.PROVED if proof.verdict is Verdict.PROVED else Verdict.UNDECIDED
     reason = proof.reason
-    if verdict is Verdict.PROVED and request.rate is not None and claimed(proof.rate or 0.0) < request.rate:
+    if verdict is Verdict.PROVED and request.rate is not None and claimed(rate or 0.0) < request.rate:
         verdict, asked = Verdict.UNDECIDED, f"{typed_number(request.rate)} was asked for."
-        reason = f"the rate proved is {proof.rate or 0:.4g} 1/s, {asked}"
+        reason = f"the rate proved is {rate or 0:.4g} 1/s, {asked}"
     return Design(
         verdict=verdict,
         reason=reason,
@@ -246,15 +249,25 @@ def _certified(ground: Ground, proposal: Proposal) -> Design:
         W=W,
         P=proof.claims.P,
         gains=gains,
-        rate=proof.rate,
+        rate=rate,
         cost=sum(gains.values(), Fraction(0)),
         decisions=(*ground.decisions, *said, f"Proved by: {proof.covered_by or 'nothing yet'}.{whole}"),
-        prices=agents.prices(designed, proof.rate) if problem.dynamics and proof.rate else proposal.prices,
+        prices=agents.prices(designed, rate) if problem.dynamics and rate else proposal.prices,
         changes={**ground.changes, **wanted},
         problem=designed,
         certificate=proof,
         observer=proposal.observer,
     )
+
+
+def _rate_of(proof: Certificate) -> float | None:
+    """The largest rate (1/s) of a check that covers what is asked; the one that carries the verdict, with the least
+    time to one percent, may have a smaller one."""
+    if proof.rate is None:
+        return None
+    problem = as_integrators(proof.problem)
+    covering = [each for each in proof.checks if covers(problem, each, proof.checks)]
+    return max((each.rate for each in covering if each.rate is not None), default=proof.rate)
 
 
 def _weaker(problem: Problem, request: DesignRequest, found: Design) -> Iterator[tuple[DesignRequest, Fraction]]:

@@ -528,11 +528,11 @@ def sooner_plan(
     shortest = max(longest * math.log(100) / math.log(100 * plan.factor), least * (1 + KEPT))
     if plan.factor < FLAT or longest <= shortest:
         return plan
-    best = plan
     if problem.n > FEW_AGENTS:  # another v takes long
-        known = [plan, *(replace(plan, v=v, rate=rate) for rate, v in plan.slower)]
-        best = min(known, key=lambda each: each.time)
+        met = (replace(plan, v=v, rate=rate) for rate, v in plan.slower if rate >= shortest)
+        best = min(met, key=lambda each: each.time, default=plan)
         return best if best.time <= plan.time * WORTH_IT else plan
+    best = plan
     with np.errstate(all="ignore"):
         field = field_of(problem, rho=float(plan.rho))
 

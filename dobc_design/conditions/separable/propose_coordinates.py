@@ -48,7 +48,7 @@ Gains = Mapping[int, Array]  # by the place of a coupling: the ends, (2, m, m)
 DIGITS = 3  # of T
 PARTS = tuple(2.0 ** (k / 4) for k in range(-16, 6))  # of the size of an agent's eigenvalues: lambda
 STEPS, ROUNDS = 6, 4  # of inverse iteration; of v and gains in turn
-BEST = 3  # coordinates whose weights are rounded
+BEST, SOONEST = 3, 2  # coordinates whose weights are rounded: the fastest ones, and before these the soonest
 PATIENCE = (1.0, 0.5, 0.0)  # of the best rate, which a flatter v is to keep
 CLOSE, LARGEST = 1e-3, 1e6  # of v, when it is kept; condition of a modal form
 SHARES = (0.9, 0.5, 0.0)  # of the rate of the rows, which V is to keep
@@ -268,7 +268,9 @@ def propose_coordinates(
     for T in candidates(part, gains) if gains is not None else ():
         if T is not None and T not in found:
             found[T] = Search(part, W, T, radius, disturbance, everywhere).promise()
-    best = sorted((T for T in found if found[T][1] > 0), key=lambda T: found[T])[:BEST]
+    able = [T for T in found if found[T][1] > 0]
+    soonest, fastest = sorted(able, key=lambda T: found[T])[:SOONEST], sorted(able, key=lambda T: -found[T][1])[:BEST]
+    best = dict.fromkeys([*soonest, *fastest])  # the fastest reach farthest
     searches = (Search(agents, W, T, radius, disturbance, everywhere, least) for T in best)
     return next((claim for search in searches for claim in search.claims(found[search.T][1])), None)
 

@@ -90,11 +90,22 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
     if carrier is not best:
         reason += f", with {table_words(problem, carrier.id)}"
     if stated.limit:
-        reason += f", and no input exceeds {table_words(problem, LIMIT)}"
+        reason += f", and no input exceeds {table_words(problem, LIMIT)}{_limited_starts(problem, checks)}"
     reason += f".{_local_words(carrier)}{_moving_words(problem, checks, best)}"
     return Overall(
         verdict=Verdict.PROVED, rate=carrier.rate, factor=carrier.factor, covered_by=carrier.id, reason=reason
     )
+
+
+def _limited_starts(problem: Problem, checks: Sequence[Check]) -> str:
+    """From where no limit is reached.  Without a region that is a box, whatever the domain of the consensus is."""
+    held = answer_of(problem, checks, LIMIT)
+    if problem.region is not None or held is None or not isinstance(held.domain, Mapping):
+        return ""
+    starts = f"|e_i| <= {held.domain['radius']:.6g}"
+    if problem.groups:
+        starts += f" and |eps_i| <= {held.domain['disturbance']:.6g}"
+    return f" from starts with {starts}"
 
 
 _NAMES = {LIMIT: "the actuator limit", TOLERANCE: "[uncertainty]", ACCURACY: "[uncertainty]"}

@@ -94,11 +94,19 @@ _CURES = {
     TOLERANCE: "smaller errors, larger gains or more pinned agents",
     ACCURACY: "a smaller [region], smaller bounds in [uncertainty], larger gains or more pinned agents",
 }
+#: The same where there is no region.
+_CURES_NEAR = {
+    LIMIT: "a larger limit or, where the disturbance leaves room, smaller gains",
+    TOLERANCE: _CURES[TOLERANCE],
+    ACCURACY: "smaller bounds in [uncertainty], larger gains or more pinned agents",
+}
 
 
 def _cure(problem: Problem, id: str) -> str:
     """What would help; final bounds of linear couplings scale with the bounds of [uncertainty], and hold everywhere."""
-    return "larger gains or more pinned agents" if id == ACCURACY and problem.is_linear else _CURES[id]
+    if id == ACCURACY and problem.is_linear:
+        return "larger gains or more pinned agents"
+    return _CURES[id] if problem.region is not None else _CURES_NEAR[id]
 
 
 def _holds_asked(problem: Problem, check: Check) -> bool:
@@ -117,6 +125,8 @@ def _why(problem: Problem, check: Check | None) -> str:
     starts = f"|e_i| <= {check.domain['radius']:.6g}"
     if problem.groups:
         starts += f" and |eps_i| <= {check.domain['disturbance']:.6g}"
+    if problem.region is None:
+        return f"this is proved only from {starts}, so not for all estimates close to the true values."
     return f"this is proved only from {starts}, and the region is larger."
 
 

@@ -265,3 +265,41 @@ def test_what_no_table_states_is_not_asked_for():
 def test_a_refuted_problem_stays_refuted_whatever_its_tables_say():
     problem = listening([[2, 1]], "y", n=2, gains={2: 1}, target=0, actuators={"limit": 1})
     assert certified(problem).verdict is Verdict.REFUTED
+
+
+@pytest.mark.parametrize(("box", "told"), [({}, " from starts with |e_i| <= 0.16"), ({"region": BOX}, ".")])
+def test_without_a_region_the_verdict_names_the_starts_that_keep_the_limit(box: dict[str, Any], told: str):
+    """Linear couplings bring every start to the target, but k = 3 asks for 3 |e|: far out a limit is exceeded."""
+    problem = listening([[2, 1]], "y", n=2, gains={1: 3}, target=0, actuators={"limit": {"1": 1 if not box else 4}})
+    certificate = certified(problem.replace(**box))
+    assert certificate.verdict is Verdict.PROVED
+    assert f"no input exceeds the limit of {1 if not box else 4}{told}" in certificate.reason
+
+
+@pytest.mark.parametrize(("limit", "proved"), [(2, True), ("0.49", False)])
+def test_without_a_region_boxes_hold_errors_of_estimates(limit: Any, proved: bool):
+    """Close to the target, also of the estimates: with a disturbance, with a limit, and with both."""
+    near, limits = pair(**SEEN), {"limit": limit, "amplitude": "1/2"}
+    for plant in ({"uncertainty": {"disturbance": "0.02"}}, {}):
+        certificate = certified(near.replace(**plant, actuators=limits))
+        if proved:
+            assert certificate.verdict is Verdict.PROVED
+            assert "no input exceeds the limit of 2 from starts with |e_i| <= " in certificate.reason
+            assert certificate.check("actuators").domain["disturbance"] > 0
+            assert both_accept(certificate) == (True, True)
+        else:
+            require_undecided(certificate, "The disturbance alone may need 0.5")
+            assert "region is larger" not in certificate.reason
+            assert "smaller [region]" not in certificate.reason
+    certificate = certified(near.replace(uncertainty={"disturbance": "0.02"}))
+    assert (certificate.verdict, certificate.covered_by) == (Verdict.PROVED, "accuracy")
+
+
+@pytest.mark.parametrize(("limit", "told"), [("1.5", "from starts with |e_i| <= 0.75"), ("0.9", "is still 1.000")])
+def test_a_limit_that_the_disturbance_reaches_is_not_kept_from_closer_starts(limit: str, told: str):
+    """e' = -2 e + w with |w| <= 1 ends within 1/2, where u = -2 e is 1."""
+    problem = listening([], "y", n=1, gains={1: 2}, target=0, region=BOX, uncertainty={"disturbance": 1})
+    certificate = certified(problem.replace(actuators={"limit": limit}))
+    assert certificate.verdict is Verdict.UNDECIDED
+    assert told in certificate.reason
+    assert ("never saturates" in certificate.reason) is (limit == "1.5")

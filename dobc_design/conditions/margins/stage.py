@@ -280,11 +280,11 @@ def _worst(problem: Problem, inputs: Sequence[Fraction]) -> Fraction:
 
 
 def _starts(asked: Asked, domain: Domain) -> tuple[float, float]:
-    """The starts asked for, if a domain holds them, else its own; without a region small ones, where it is global."""
+    """The starts asked for, if a domain holds them, else its own; without a region the largest that are tried."""
     if isinstance(domain, Mapping):
         held = asked.wanted and domain["radius"] >= asked.radius and domain["disturbance"] >= asked.disturbance
         return (asked.radius, asked.disturbance) if held else (domain["radius"], domain["disturbance"])
-    return (asked.radius, asked.disturbance) if asked.wanted else (NEAR, NEAR * bool(asked.problem.groups))
+    return asked.radius, asked.disturbance
 
 
 def _level_of(
@@ -379,6 +379,7 @@ def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
         if limit is not None and most > limit:
             over.append(((limit - b - d) / a if a else _ZERO, label, limit - b - d))
     lower, label, room = min(over)
+    least = _level_of(plan.v, plan.error, (0.0, plan.starts[1]), plan.stage.level if plan.stage else _ZERO)
     place = problem.network.index[label]
     allowed = _ZERO if limits is None else limits.limit_of(label) or _ZERO
     most = plan.inputs(found)[place]
@@ -389,12 +390,17 @@ def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
     if room <= 0:
         rest = float(plan.parts[place][1])
         return f"{reason} The disturbance may need {float(found[place]):.6g}, errors of estimates and noise {rest:.6g}."
-    noise = _level_of(plan.v, plan.error, (0.0, plan.starts[1]), _ZERO)
-    box = (lower - noise) * min(plan.v)
-    starts = f"from starts with |e_i| <= {_told(box)} and the same |eps_i|"
+    if plan.stage is not None and lower < least:  # no smaller box is known to be kept
+        if not stated_in(problem).absolute:
+            return reason
+        alone = float(plan.parts[place][0] * least + plan.parts[place][1] + found[place])
+        reason += f" From starts at the target its bound is still {alone:.6g}:"
+        return f"{reason} what [uncertainty] states brings it there."
+    box = (lower - _level_of(plan.v, plan.error, (0.0, plan.starts[1]), _ZERO)) * min(plan.v)
+    starts = f"from starts with |e_i| <= {_told(box)}" + (" and the same |eps_i|" if problem.groups else "")
     late = f"once V of the check max-separable is at most {_told(lower)}"
     reason += f" It never saturates {starts if box > 0 else late}."
-    if pinned := decide.pin_sizes(problem)[place]:
+    if plan.stage is None and asked.wanted and (pinned := decide.pin_sizes(problem)[place]):
         reason += f" For the whole region it would need a gain of at most {_told(pinned * lower / plan.rho)} and a new"
         reason += " proof."
     return reason

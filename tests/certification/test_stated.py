@@ -303,3 +303,11 @@ def test_a_limit_that_the_disturbance_reaches_is_not_kept_from_closer_starts(lim
     assert certificate.verdict is Verdict.UNDECIDED
     assert told in certificate.reason
     assert ("never saturates" in certificate.reason) is (limit == "1.5")
+
+
+@pytest.mark.parametrize(("h", "why"), [(["y1", "y2 + y1/5"], "act on each state component by itself"), ("y", None)])
+def test_a_limit_beside_couplings_of_vectors_is_open_because_of_these(h: Any, why: str | None):
+    problem = listening([[2, 1]], h, n=2, gains={1: [[2, 0], [0, 2]]}, target=[0, 0], actuators={"limit": 1})
+    certificate = certified(problem)
+    assert certificate.verdict is (Verdict.UNDECIDED if why else Verdict.PROVED)
+    assert (why or "no input exceeds the limit of 1") in certificate.reason

@@ -18,8 +18,14 @@ from dobc_design.conditions.coverage import NEAR, Asked, Progress
 from dobc_design.conditions.margins import decide
 from dobc_design.conditions.margins.decide import Inputs, Tolerance
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
-from dobc_design.conditions.separable.claim import ErrorBound, Errors, Separable, holding_gains
-from dobc_design.conditions.separable.decide import largest_rate, verify_separable
+from dobc_design.conditions.separable.claim import (
+    ErrorBound,
+    Errors,
+    Separable,
+    acts_by_component,
+    holding_gains,
+)
+from dobc_design.conditions.separable.decide import NOT_BY_COMPONENT, largest_rate, verify_separable
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import IN_HAND, TIMED_ARCS
 from dobc_design.conditions.stated import stated_in
@@ -236,6 +242,8 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
             why = "with a drift of the amplitudes simulation.xi0 bounds nothing"
         reason = f"does not apply: {why}: give actuators.amplitude."
         return undecided_check("actuators", asked.domain, reason, applies=False)
+    if not acts_by_component(problem):
+        return undecided_check("actuators", asked.domain, NOT_BY_COMPONENT, applies=False)
     stated, tolerated = stated_in(problem), beside.get("tolerance")
     if stated.absolute and final is None:
         return undecided_check("actuators", asked.domain, NOT_FINAL)

@@ -1,6 +1,6 @@
 """Agents with linear dynamics, certified: known answers, random ones against their eigenvalues, a region."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from fractions import Fraction
 from functools import cache
 
@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 from dobc_design import Certificate, Dynamics, Exosystem, Group, Network, Observer, Problem, Verdict, certify, verify
 from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.text import certificate_bytes
+from dobc_design.certification.overall import decide_overall
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker import examine as checker
 from dobc_design.conditions.check import Check, Values
@@ -161,7 +162,9 @@ def unheld() -> tuple[Problem, Claims]:
     asked = read_region(as_integrators(problem), claims.W, domain="global", everything=True)
     found = separable_stage(asked, lambda stage: None)
     found += margins_stage(asked, found, lambda stage: None)
-    return problem, replace(claims, checks=(*claims.checks, *found))
+    checks = (*claims.checks, *found)
+    overall = decide_overall(as_integrators(problem), checks, claims.W)
+    return problem, replace(claims, checks=checks, **asdict(overall))
 
 
 @pytest.mark.parametrize(

@@ -289,6 +289,9 @@ def _coordinates() -> list[Case]:
     unit = [["1" if a == b else "0" for b in range(3)] for a in range(3)]
     straight = [{"coupling": 0, "gains": [[["1", "1"], *nothing[:2]], [nothing[0], ["1", "1"], nothing[0]], nothing]}]
 
+    farther = swings()  # agent 2 reaches 1.32, where sin(r)/r is 0.7338
+    farther["exact"]["v"] = ["4", "3", "22/5", "33/10"]
+
     def plane(second: str) -> Document:
         v = ["1", second, "1"]
         stage = {"v": v * 2, "alpha": "1/4", "level": "1/5", "rho": None, "ranges": straight}
@@ -343,6 +346,7 @@ def _coordinates() -> list[Case]:
             ("a larger gain of what is linear", swings(one="101/100"), FAILS),
             ("a smaller gain of what is linear", swings(one="99/100"), FAILS),
             ("gains of the sine that hold nearer only", swings(rho="13/40"), FAILS),
+            ("gains of the sine that hold for agent 1 only", farther, FAILS),
             ("alpha beyond the rows", swings(alpha="1/5"), FAILS),
             ("no gains of f", swings(ranges=[]), FAILS),
             ("the slope at the target for all", swings(low="-1"), FAILS),

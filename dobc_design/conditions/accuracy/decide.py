@@ -262,14 +262,15 @@ class Load:
         return replace(self.row, gain=self.row.gain - self.growing / self.row.own)
 
 
-def loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Iterator[Load]:
-    """Every row of a stage with what acts besides.  What an observer passes on it has seen in any mode, so that there
-    the largest over the modes counts.  Raises: UndefinedError where a slope has no bound as far out."""
+def loads(problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)) -> Iterator[Load]:
+    """Every row of a stage with what acts besides, eta_i larger by the part ``room``.  What an observer passes on it
+    has seen in any mode: there the largest over the modes counts.  Raises: UndefinedError where a slope has no bound as
+    far out."""
     plant = problem.uncertainty or Uncertainty()
     errors, nubar = stated_errors(problem), plant.measurement
     curves = coupling_profiles(problem, stage.v, rho=stage.rho)
     passed = Fraction(0) if peaks is None else peaks.disturbance
-    unknown = Fraction(0) if plant.known_to_agents else errors.weights * passed
+    unknown = Fraction(0) if plant.known_to_agents else errors.weights * passed * (1 + room)
 
     @cache
     def steepest(coupling: int, reach: Fraction) -> Fraction:
@@ -313,12 +314,13 @@ def loads(problem: Problem, peaks: Peaks | None, stage: Level) -> Iterator[Load]
             yield Load(mode=mode, agent=agent, row=row, constant=own, growing=eta, by_input=b)
 
 
-def not_shrinking(problem: Problem, peaks: Peaks | None, stage: Level) -> str | None:
-    """Which row of a stage is not proved for all s in [level, rho], in words; None if all are."""
+def not_shrinking(problem: Problem, peaks: Peaks | None, stage: Level, *, room: Fraction = Fraction(0)) -> str | None:
+    """Which row of a stage is not proved for all s in [level, rho], in words; None if all are.  ``room``: as in
+    ``loads``."""
     try:
         profiles = coupling_profiles(problem, stage.v, rho=stage.rho)
         holds = cache(partial(_row_holds, profiles=profiles, stage=stage))
-        for load in loads(problem, peaks, stage):
+        for load in loads(problem, peaks, stage, room=room):
             row = load.held
             face = next((face for face in FACES if not holds(row, load.constant, face)), None)
             if face is not None:

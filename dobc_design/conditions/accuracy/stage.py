@@ -70,6 +70,7 @@ CHOICES, SETTLED = 30, 1e-9  # choices of rows at most; of v, when none of them 
 SLACK: Final = 1e-5  # of the largest input, for rows in which nothing acts
 MOST_COORDINATES: Final = 3  # in which rows are decided
 FROM: Final = (0.9, 0.5, 0.98)  # parts of rho from which the first stage is looked for
+ROOM: Final = Fraction(1, 100)  # of eta, for a second program with wider enclosures
 POINTS, SAMPLES, TIGHTER = 9, 500, 1 + 1e-6  # of s and of h, and what is left to rounding
 
 
@@ -159,7 +160,7 @@ def _pulls(problem: Problem, peaks: Peaks | None, reach: float) -> Any:
     total = sparse.csr_array((problem.n, problem.n))
     for arcs in problem.network.modes.values():
         w = np.array([float(x) for x in arcs.weights]) * steepest[coupling_places(problem, arcs)]
-        w *= float(plant.weights * peaks.disturbance)
+        w *= float(plant.weights * peaks.disturbance * (1 + ROOM) * (1 + ABOVE))
         places = np.concatenate([arcs.listeners] * 2), np.concatenate([arcs.listeners, arcs.speakers])
         found = sparse.csr_array((np.concatenate([w, w]), places), shape=total.shape)
         total = total.maximum(found)
@@ -236,7 +237,7 @@ def _with_rate(problem: Problem, peaks: Peaks | None, stage: Level) -> Level:
 
 
 def _holds(problem: Problem, peaks: Peaks | None, stage: Level) -> bool:
-    return not_shrinking(problem, peaks, stage) is None
+    return not_shrinking(problem, peaks, stage, room=ROOM) is None
 
 
 #: Parts of the box that are tried one after the other: noise passes through a coupling that is steep far out.

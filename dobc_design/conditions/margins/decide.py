@@ -287,10 +287,17 @@ def input_parts(
 
 
 def loaded_inputs(
-    problem: Problem, peaks: Peaks | None, stage: Level, error: ErrorBound | None, disturbance: Fraction
+    problem: Problem,
+    peaks: Peaks | None,
+    stage: Level,
+    error: ErrorBound | None,
+    disturbance: Fraction,
+    *,
+    room: Fraction = _ZERO,
 ) -> tuple[tuple[Fraction, Fraction], ...]:
-    """The same under a disturbance, drift and noise, in the box of a stage of ``accuracy``.  Raises: UndefinedError."""
-    added = {load.agent: (load.growing, load.by_input) for load in loads(problem, peaks, stage)}
+    """The same under a disturbance, drift and noise, in the box of a stage of ``accuracy``; ``room``: as in ``loads``.
+    Raises: UndefinedError."""
+    added = {load.agent: (load.growing, load.by_input) for load in loads(problem, peaks, stage, room=room)}
     parts = enumerate(input_parts(problem, stage.v, error, disturbance, own_box=True))
     return tuple((a + added[agent][0], b + added[agent][1]) for agent, (a, b) in parts)
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from dobc_design.conditions.accuracy.decide import Accuracy, Level, Peaks, not_shrinking
-from dobc_design.conditions.accuracy.stage import covering_boxes
+from dobc_design.conditions.accuracy.stage import ROOM, covering_boxes
 from dobc_design.conditions.check import Check, Domain, limited, starts_in, undecided_check
 from dobc_design.conditions.coverage import NEAR, Asked, Progress
 from dobc_design.conditions.margins import decide
@@ -368,8 +368,8 @@ def _plan_of(
     if rho < level.level:
         return
     stage = replace(level, rho=None if linear else rho)
-    if not_shrinking(problem, peaks, stage) is None:
-        parts = decide.loaded_inputs(problem, peaks, stage, error, claimed(starts[1]))
+    if not_shrinking(problem, peaks, stage, room=ROOM) is None:
+        parts = decide.loaded_inputs(problem, peaks, stage, error, claimed(starts[1]), room=ROOM)
         yield _Plan(starts=starts, rho=rho, parts=parts, v=v, stage=stage, error=error)
 
 

@@ -518,6 +518,7 @@ def sooner_plan(
     disturbance: Fraction,
     W: Matrix | None,
     least: float = 0.0,
+    errors: Errors = EXACT,
 ) -> SeparablePlan:
     """The plan for the same starts with a rate of at least ``least`` (1/s) that promises the least time to one percent,
     ln(100 max v / min v) / rate; ``plan`` itself, which has the largest rate, where none is earlier.
@@ -534,7 +535,7 @@ def sooner_plan(
         return best if best.time <= plan.time * WORTH_IT else plan
     best = plan
     with np.errstate(all="ignore"):
-        field = field_of(problem, rho=float(plan.rho))
+        field = field_of(problem, rho=float(plan.rho), errors=errors)
 
         def at(rate: float) -> float:
             nonlocal best
@@ -555,7 +556,8 @@ def sooner_plan(
         if error is None:
             return best
         rho = radius_needed(radius, error, disturbance)
-        v = least_solution(field_of(problem, rho=float(rho)), alpha=best.whole_rate, start=np.ones(problem.n))
+        field = field_of(problem, rho=float(rho), errors=errors)
+        v = least_solution(field, alpha=best.whole_rate, start=np.ones(problem.n))
     if v is None:
         return best
     nearer = SeparablePlan(v=v, rate=best.whole_rate, rho=rho, error=error)

@@ -128,7 +128,7 @@ def largest_claim(asked: Asked) -> Found | None:
     """A proved claim for the box asked for, else for the largest box that is found.  Where the file states errors of
     weights and gains, one whose rows hold for all of them is looked for first."""
     if any(errors := stated_errors(asked.problem)):
-        found = _claim(asked, asked.radius, _plan(asked, asked.radius, errors))
+        found = _claim(asked, asked.radius, _plan(asked, asked.radius, errors), errors)
         slow = None if found is None else replace(found.claim, alpha=found.claim.alpha / SLOWER_WITH_ERRORS)
         if slow is not None and verify_separable(asked.problem, slow, errors=errors).verdict is Verdict.PROVED:
             return found
@@ -177,12 +177,12 @@ def _plan(asked: Asked, radius: float, errors: Errors = EXACT) -> SeparablePlan 
     return plan
 
 
-def _claim(asked: Asked, radius: float, plan: SeparablePlan | None) -> Found | None:
+def _claim(asked: Asked, radius: float, plan: SeparablePlan | None, errors: Errors = EXACT) -> Found | None:
     """The plan as a certificate that covers the box, proved, with a little of its rate in hand; None if none is.  Where
     a slower rate reaches one percent earlier, that one."""
     if plan is None:
         return None
-    sooner = _sooner(asked, radius, plan)
+    sooner = _sooner(asked, radius, plan, errors)
     try:
         first = None if sooner is plan else _covering(asked, radius, sooner)
         if first is not None and composite_rate(first) >= sooner.whole_rate * AS_PLANNED:
@@ -203,14 +203,22 @@ def _time(claim: Separable) -> float:
     return time_to_one_percent(float(composite_rate(claim)), float(claim.factor))
 
 
-def _sooner(asked: Asked, radius: float, plan: SeparablePlan) -> SeparablePlan:
+def _sooner(asked: Asked, radius: float, plan: SeparablePlan, errors: Errors) -> SeparablePlan:
     """The plan for the same box that promises the least time to one percent."""
-    errors = asked.problem.uncertainty
-    if errors is not None and (errors.weights or errors.gains):  # these take of the rate, of which little would be left
+    if any(stated_errors(asked.problem)) and not any(errors):  # these take of the rate, of which little would be left
         return plan
     sooner = plan
     with surviving(f"no earlier max-separable proposal for radius {radius}", WorkLimitError):
-        sooner = propose.sooner_plan(asked.problem, plan, **_starts(asked, radius), W=asked.W, least=asked.rate)
+        starts = _starts(asked, radius)
+        sooner = propose.sooner_plan(
+            asked.problem,
+            plan,
+            radius=starts["radius"],
+            disturbance=starts["disturbance"],
+            W=asked.W,
+            least=asked.rate,
+            errors=errors,
+        )
     return sooner
 
 

@@ -341,6 +341,8 @@ ROUNDING = 1e-15  # of h, absolutely
 # v of a smaller factor are flat.  Rates that are tried for the least time to one percent of few agents; the part of the
 # time from which on a slower rate is not worth it.
 FLAT, SOONER, WORTH_IT = 1.05, 8, 0.995
+# A slower proof has to be earlier by this: delays and errors of weights take of the rate.
+EARLIER = 0.95
 KEPT = 0.005  # how much faster than wanted a plan is to be, of which rounding may take some
 
 
@@ -532,7 +534,7 @@ def sooner_plan(
     if problem.n > FEW_AGENTS:  # another v takes long
         met = (replace(plan, v=v, rate=rate) for rate, v in plan.slower if rate >= shortest)
         best = min(met, key=lambda each: each.time, default=plan)
-        return best if best.time <= plan.time * WORTH_IT else plan
+        return best if best.time <= plan.time * EARLIER else plan
     best = plan
     with np.errstate(all="ignore"):
         field = field_of(problem, rho=float(plan.rho), errors=errors)
@@ -547,7 +549,7 @@ def sooner_plan(
             return found.time
 
         golden_section(at, shortest, longest, steps=SOONER)
-        if best.time > plan.time * WORTH_IT:
+        if best.time > plan.time * EARLIER:
             return plan
         if best.error is None or problem.joint_exosystem is None or W is None:
             return best

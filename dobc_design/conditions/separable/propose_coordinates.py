@@ -24,9 +24,9 @@ from dobc_design.conditions.separable.claim import MOST_COMPONENTS, ErrorBound, 
 from dobc_design.conditions.separable.coordinates import MOST_FREE, enclosed_ranges, seen_through, slowest_row
 from dobc_design.conditions.separable.decide import composite_rate, error_bound_obstacle
 from dobc_design.conditions.separable.propose import (
+    EARLIER,
     KEPT,
     LARGE,
-    WORTH_IT,
     SeparablePlan,
     least_solution,
     rounded_vectors,
@@ -351,7 +351,7 @@ class Search:
 
         golden_section(at, shortest, longest, steps=SOONER)
         time, best = min(found, key=lambda each: each[0], default=(math.inf, None))
-        return best if time < WORTH_IT * first else None
+        return best if time < EARLIER * first else None
 
     def weights(self, error: ErrorBound | None, enough: float) -> tuple[float, Array | None]:
         """v (n, m) with min v = 1 that goes with the gains where it is used, and its rate; the flattest v that keeps

@@ -49,7 +49,7 @@ LONGEST = 60.0  # s, for that program
 SOLVER, EIGENVALUES = 10, 3000  # steps of work for a solver and each solution; cubed rows for a step
 EVEN_PROGRAM = 2 * 12**3  # the same, where the most even ones are sought for several rates
 # Times to one percent: those next to that of D = I, rates that are tried for few and for many states, what is worth it.
-FLAT, SOONER, SOONER_LARGE, WORTH_IT = 1.01, 8, 2, 0.995
+FLAT, SOONER, SOONER_LARGE, EARLIER = 1.01, 8, 2, 0.95
 MARGIN = 1e-6
 LEFT, ROUNDED = 0.25, 1e-9  # a row is met when these parts of its right side and of its terms are left at most
 CLOSE, QUICK = (1e-2, 1e-5), 400  # where iterations stop
@@ -123,7 +123,7 @@ def soonest_weights(tables: Mapping[str, Any], most: float, fastest: Array | Non
         return None
     golden_section(at, shortest, most, steps=SOONER if size <= DENSE else SOONER_LARGE)
     best = min(found, key=lambda each: each.time, default=None)
-    return best if best is not None and best.time < WORTH_IT * first else None
+    return best if best is not None and best.time < EARLIER * first else None
 
 
 def promised_factor(claim: Weighted | Alike) -> float:

@@ -68,25 +68,39 @@ class GainTable:
         """The cell of each y, up to the overlap."""
         return np.clip(((y + self.radius) / self.width).astype(np.int64), 0, len(self.low) - 1)
 
+    def is_beyond(self, y: Array) -> Any:
+        """Which of y the table does not reach, so that it says nothing there."""
+        return ~(np.abs(y) <= self.radius + self.width * float(_BEYOND / 2))
+
     def at(self, y: Array) -> tuple[Array, Array]:
         """Lower and upper bounds of g at y, where y may be wrong in its last digits."""
         cell = self.cell(y)
         beyond = y - ((cell + 0.5) * self.width - self.radius)
         falls, rises = self.falls[cell] * beyond, self.rises[cell] * beyond
         lower = down(self.low[cell] + down(np.minimum(falls, rises)))
-        return lower, up(self.high[cell] + up(np.maximum(falls, rises)))
+        upper = up(self.high[cell] + up(np.maximum(falls, rises)))
+        far = self.is_beyond(y)
+        if np.any(far):
+            return np.where(far, -np.inf, lower), np.where(far, np.inf, upper)
+        return lower, upper
 
     def over(self, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
         """Lower and upper bounds of g, then of g', between y and z."""
         first = self.cell(np.minimum(y, z))
         level, second = _span(first, self.cell(np.maximum(y, z)))
         least, most, falls, rises = self.ranges
-        return (
+        found = (
             np.minimum(least[level, first], least[level, second]),
             np.maximum(most[level, first], most[level, second]),
             np.minimum(falls[level, first], falls[level, second]),
             np.maximum(rises[level, first], rises[level, second]),
         )
+        far = self.is_beyond(y) | self.is_beyond(z)
+        if np.any(far):
+            lower = [np.where(far, -np.inf, found[k]) for k in (0, 2)]
+            upper = [np.where(far, np.inf, found[k]) for k in (1, 3)]
+            return lower[0], upper[0], lower[1], upper[1]
+        return found
 
 
 @lru_cache(maxsize=_KEPT)

@@ -328,6 +328,19 @@ def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
         assert not low or np.all(most - largest <= 0.2 * (1 + np.abs(largest)))
 
 
+def test_a_table_says_nothing_beyond_its_radius():
+    """g(y) = 1 + y^2 is 10 at 3, where a table up to 2 would still say 5."""
+    table = gain_table(pair("y + y**3").coupling.components[0], F(2), cells=64)
+    near, far = np.array([table.radius]), np.array([table.radius, 3.0])
+    assert table.at(near)[0][0] <= 1 + table.radius**2 <= table.at(near)[1][0] < 6
+    lower, upper = table.at(far)
+    assert (lower[1], upper[1]) == (-np.inf, np.inf) and np.isfinite(upper[0])
+    for y, z in ((far, -near[[0, 0]]), (-near[[0, 0]], far)):
+        least, most, falls, rises = table.over(y, z)
+        assert (least[1], most[1], falls[1], rises[1]) == (-np.inf, np.inf, -np.inf, np.inf)
+        assert np.isfinite(most[0])
+
+
 def test_a_large_network_is_decided_by_floats_and_gives_the_rate_of_the_exact_rows():
     """1500 agents in a ring of 2 neighbours: periodic v, so that exact rows are few."""
     (problem, v), rho = held_ring(1500, h="tanh(y)"), F(2)

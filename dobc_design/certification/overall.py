@@ -90,11 +90,19 @@ def _with_tables(problem: Problem, checks: Sequence[Check], best: Check) -> Over
     if carrier is not best:
         reason += f", with {table_words(problem, carrier.id)}"
     if stated.limit:
-        reason += f", and no input exceeds {table_words(problem, LIMIT)}{_limited_starts(problem, checks)}"
+        reason += (
+            f", and no {_limited(problem)} exceeds {table_words(problem, LIMIT)}{_limited_starts(problem, checks)}"
+        )
     reason += f".{_local_words(carrier)}{_moving_words(problem, checks, best)}"
     return Overall(
         verdict=Verdict.PROVED, rate=carrier.rate, factor=carrier.factor, covered_by=carrier.id, reason=reason
     )
+
+
+def _limited(problem: Problem) -> str:
+    """Which inputs the limits are about."""
+    limits = None if problem.actuators is None else problem.actuators.limit
+    return "input" if not isinstance(limits, Mapping) or len(limits) == problem.n else "input of an agent with a limit"
 
 
 def _limited_starts(problem: Problem, checks: Sequence[Check]) -> str:

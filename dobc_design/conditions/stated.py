@@ -77,10 +77,12 @@ def gaps(problem: Problem, checks: Sequence[Check]) -> Iterator[Gap]:
     for id in stated.wanted:
         if answer_of(problem, checks, id) is None:
             found = next((check for check in checks if check.id == id), None)
-            yield Gap(id=id, table=table_words(problem, id), reason=_why(problem, found), cure=_cure(problem, id))
+            yield Gap(
+                id=id, table=table_words(problem, id), reason=_why(problem, found), cure=_cure(problem, checks, id)
+            )
         elif id == LIMIT and stated.relative and not stated.absolute and _are_apart(checks):
             reason = "errors of weights and gains are counted at the target, and inputs in a box."
-            yield Gap(id=id, table=table_words(problem, id), reason=reason, cure=_cure(problem, id))
+            yield Gap(id=id, table=table_words(problem, id), reason=reason, cure=_cure(problem, checks, id))
 
 
 def _are_apart(checks: Sequence[Check]) -> bool:
@@ -102,8 +104,10 @@ _CURES_NEAR = {
 }
 
 
-def _cure(problem: Problem, id: str) -> str:
+def _cure(problem: Problem, checks: Sequence[Check], id: str) -> str:
     """What would help; final bounds of linear couplings scale with the bounds of [uncertainty], and hold everywhere."""
+    if any(check.id == "max-separable" and check.verdict is Verdict.REFUTED for check in checks):
+        return "pins or arcs by which every agent is reached in every mode"
     if id == ACCURACY and problem.is_linear:
         return "larger gains or more pinned agents"
     return _CURES[id] if problem.region is not None else _CURES_NEAR[id]

@@ -12,7 +12,7 @@ from certified import certified
 from separable_problems import listening
 from stated_problems import broken, kept
 
-from dobc_design import Certificate, Observer, Problem, Verdict, load_problem
+from dobc_design import Certificate, Network, Observer, Problem, Switching, Verdict, load_problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify
 from dobc_design.certification.recheck import recheck
@@ -131,7 +131,7 @@ def test_a_limit_counts_where_it_is_the_largest_input(limit: str, proved: bool):
     certificate = certified(problem)
     if proved:
         assert certificate.verdict is Verdict.PROVED
-        assert "no input exceeds the limit of 3.0001" in certificate.reason
+        assert "no input of an agent with a limit exceeds the limit of 3.0001" in certificate.reason
         assert certificate.rate is not None
         assert both_accept(certificate) == (True, True)
     else:
@@ -270,7 +270,7 @@ def test_a_refuted_problem_stays_refuted_whatever_its_tables_say():
 @pytest.mark.parametrize(("box", "told"), [({}, " from starts with |e_i| <= 0.16"), ({"region": BOX}, ".")])
 def test_without_a_region_the_verdict_names_the_starts_that_keep_the_limit(box: dict[str, Any], told: str):
     """Linear couplings bring every start to the target, but k = 3 asks for 3 |e|: far out a limit is exceeded."""
-    problem = listening([[2, 1]], "y", n=2, gains={1: 3}, target=0, actuators={"limit": {"1": 1 if not box else 4}})
+    problem = listening([[2, 1]], "y", n=2, gains={1: 3}, target=0, actuators={"limit": 1 if not box else 4})
     certificate = certified(problem.replace(**box))
     assert certificate.verdict is Verdict.PROVED
     assert f"no input exceeds the limit of {1 if not box else 4}{told}" in certificate.reason
@@ -311,3 +311,25 @@ def test_a_limit_beside_couplings_of_vectors_is_open_because_of_these(h: Any, wh
     certificate = certified(problem)
     assert certificate.verdict is (Verdict.UNDECIDED if why else Verdict.PROVED)
     assert (why or "no input exceeds the limit of 1") in certificate.reason
+
+
+def in_turns(a: list[list[int]], b: list[list[int]]) -> Network:
+    return Network.from_arcs({"a": a, "b": b}, agents=[1, 2, 3], arrow="listens_to")
+
+
+@pytest.mark.parametrize(
+    "table",
+    [{"uncertainty": {"weights": "0.02"}}, {"uncertainty": {"disturbance": "0.02"}}, {"actuators": {"limit": 3}}],
+)
+def test_tables_beside_a_guarantee_are_open_because_of_the_signal_not_of_their_size(table: dict[str, Any]):
+    """2 hears 1 and 3 hears 2 in turn: no v serves both modes, whatever the errors are."""
+    problem = listening([[2, 1]], "y", n=3, gains={1: 2}, target=0, region=BOX).replace(**table)
+    guarantee = Switching(guarantee="sequence", dwell=1)
+    turns = certified(problem.replace(network=in_turns([[2, 1]], [[3, 2]]), switching=guarantee))
+    assert turns.verdict is Verdict.UNDECIDED
+    assert "decided for arbitrary switching, where no common weights v exist" in turns.reason
+    assert "too large" not in turns.reason
+    assert "search" not in turns.reason
+    assert "pins or arcs by which every agent is reached in every mode" in turns.reason
+    always = in_turns([[2, 1], [3, 2]], [[2, 1], [3, 1]])
+    assert certified(problem.replace(network=always)).verdict is Verdict.PROVED

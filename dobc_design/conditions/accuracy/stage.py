@@ -30,6 +30,7 @@ from dobc_design.conditions.check import Check, Domain, limited, starts_in, surv
 from dobc_design.conditions.coverage import Progress, read_region
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
 from dobc_design.conditions.observer.decide import error_matrix
+from dobc_design.conditions.separable.checks import why_no_weights
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
     Separable,
@@ -257,6 +258,8 @@ def accuracy_stage(
     turned = problem.origin is not None or not acts_by_component(problem)
     if (reason := obstacle(problem, W, turned=turned)) is not None:
         return [undecided_check(ID, domain, reason, applies=False)]
+    if (apart := why_no_weights(problem)) is not None:
+        return [undecided_check(ID, domain, apart)]
     if (late := out_of_time()) is not None:
         return [undecided_check(ID, domain, late)]
     first = None

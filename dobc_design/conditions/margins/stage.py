@@ -18,6 +18,7 @@ from dobc_design.conditions.coverage import NEAR, Asked, Progress
 from dobc_design.conditions.margins import decide
 from dobc_design.conditions.margins.decide import Inputs, Tolerance
 from dobc_design.conditions.numbers import claimed, decimal_below, rounded_down, rounded_up
+from dobc_design.conditions.separable.checks import why_no_weights
 from dobc_design.conditions.separable.claim import (
     ErrorBound,
     Errors,
@@ -115,6 +116,8 @@ def _tolerance(asked: Asked, proof: Check | None) -> Check:
     if large and given is None:
         reason = f"left out: the network is large; tolerances are examined up to {TIMED_ARCS} arcs."
         return undecided_check("tolerance", asked.domain, reason)
+    if _given(asked) is not None and (apart := why_no_weights(problem)) is not None:
+        return undecided_check("tolerance", asked.domain, apart)
     local = why is None and (not problem.groups or asked.W is not None)
     if (not asked.wanted or proof is None) and local:
         proof = None  # without a region the question is about the target, not about the box that was found
@@ -244,6 +247,8 @@ def _actuators(asked: Asked, checks: Sequence[Check]) -> Check:
         return undecided_check("actuators", asked.domain, reason, applies=False)
     if not acts_by_component(problem):
         return undecided_check("actuators", asked.domain, NOT_BY_COMPONENT, applies=False)
+    if (apart := why_no_weights(problem)) is not None:
+        return undecided_check("actuators", asked.domain, apart)
     stated, tolerated = stated_in(problem), beside.get("tolerance")
     if stated.absolute and final is None:
         return undecided_check("actuators", asked.domain, NOT_FINAL)

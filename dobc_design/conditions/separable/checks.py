@@ -74,6 +74,16 @@ def max_separable_check(
     )
 
 
+def why_no_weights(problem: Problem) -> str | None:
+    """Why no weights v exist whatever the couplings, the gains and the errors are; None if nothing speaks against
+    them."""
+    if not claims.acts_by_component(problem) or not claims.stuck_agents(problem):
+        return None
+    if len(problem.network.modes) == 1:
+        return "no weights v exist, because no pinned agent reaches every other one."
+    return "this is decided for arbitrary switching, where no common weights v exist."
+
+
 def stuck_check(problem: Problem, W: Matrix | None, *, domain: str) -> Check | None:
     """REFUTED, with the agents that no common v can hold, if there are such agents; else None."""
     stuck = claims.stuck_agents(problem)

@@ -78,8 +78,9 @@ def certified(problem: Problem | str, *, everything: bool = False, settling: obj
 
 def certify_once(problem: Any, *, time_limit: object = None, progress: object = None, **options: Any) -> Certificate:
     """``certify``, to be put in its place."""
-    if time_limit is not None:
-        return certify(problem, time_limit=time_limit, **options)
+    rate = options.pop("rate", None)
+    if time_limit is not None or rate is not None:
+        return certify(problem, time_limit=time_limit, rate=rate, **options)
     return certified(problem, **options)
 
 

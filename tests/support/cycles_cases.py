@@ -176,6 +176,8 @@ def _growing() -> Iterator[Case]:
     yield _case("grows, watched", HOLDS, grows, "errors grow", **REFUTED)
     yield _case("grows, loose", FAILS, grows, "an arc that comes and goes", **REFUTED)
     yield _case("grows, not", FAILS, grows, "they do not grow", **REFUTED)
+    for power in ("2/2", "1.0", "1e0"):
+        yield _case("grows", HOLDS, grows | {"exact": {"power": power}}, f"power {power} is 1", **REFUTED)
     for power in ("0", "-1", "3/2", "65"):
         yield _case("grows", FAILS, grows | {"exact": {"power": power}}, f"power {power}", **REFUTED)
     yield _case("grows", FAILS, grows | {"witness": {"kind": "agents", "labels": ["1"]}}, "a witness", **REFUTED)

@@ -16,6 +16,7 @@ import numpy as np
 from dobc_design.conditions.check import Check, Values
 from dobc_design.conditions.consensus.claim import state_theorems
 from dobc_design.conditions.consensus.decide import linear_part
+from dobc_design.conditions.numbers import read_rational
 from dobc_design.conditions.schedule.cycles import Phase, guarantee_in_words, phases_of
 from dobc_design.exact.exponential import expanding_product
 from dobc_design.exact.matrix import Matrix
@@ -72,7 +73,7 @@ def confirm_growth(check: Check, problem: Problem, domain: str) -> str | None:
     exact = check.exact or {}
     if set(exact) != {"power"} or check.rate is not None or check.witness is not None or check.domain != domain:
         return "it is refuted by the power of a trace, and by nothing else"
-    power = exact["power"]
-    if not isinstance(power, str) or power not in {str(k) for k in range(1, MOST_POWER + 1)}:
+    power = read_rational(exact["power"])
+    if power.denominator != 1 or not 1 <= power <= MOST_POWER:
         return f"power must be a whole number from 1 to {MOST_POWER}"
     return None if growth(problem, int(power)) is not None else "the trace of that power does not show that errors grow"

@@ -22,6 +22,7 @@ from dobc_design.conditions.check import Check, Claim
 from dobc_design.conditions.consensus.claim import PairFacts
 from dobc_design.conditions.coverage import asked_radius
 from dobc_design.conditions.graphs.decide import Kept
+from dobc_design.conditions.margins.decide import Tolerance
 from dobc_design.conditions.numbers import claimed
 from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
@@ -31,6 +32,7 @@ from dobc_design.conditions.schedule.cycles import Cycles, phases_of
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
+from dobc_design.conditions.stated import LIMIT, TOLERANCE, stated_in, table_words
 from dobc_design.conditions.weighted.decide import Weighted
 from dobc_design.conditions.weighted.network import Alike
 from dobc_design.errors import SpecError, wrong
@@ -238,6 +240,43 @@ def bound_from(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBou
         found = tuple(envelopes_of(problem, claims, starts))
     bound = CertifiedBound(envelopes=found, settling=settling)
     return bound if bound.sources else CertifiedBound(reason=_nothing(claims, starts))
+
+
+def bound_of_plant(problem: Problem, claims: Claims, starts: Starts) -> CertifiedBound:
+    """The same for the plant that the file states: where weights or gains may be off, what ``tolerance`` proves; with a
+    limit from starts where ``actuators`` proves that no input exceeds it."""
+    stated = stated_in(problem)
+    if stated.absolute:
+        reason = "what [uncertainty] says acts on the plant for ever; the check accuracy has the errors that remain"
+        return CertifiedBound(reason=reason)
+    proved = {check.id: check for check in claims.checks if check.verdict is Verdict.PROVED}
+    limit, tolerance = proved.get(LIMIT), proved.get(TOLERANCE)
+    if stated.limit and (limit is None or not is_inside(limit.domain, starts)):
+        return CertifiedBound(
+            reason=f"from these starts it is not proved that inputs keep {table_words(problem, LIMIT)}"
+        )
+    if not stated.relative:
+        return bound_from(problem, claims, starts)
+    if tolerance is not None and tolerance.rate and is_inside(tolerance.domain, starts):
+        with reading_claims():
+            height = _height_of(problem, claims, tolerance, starts)
+            apart = limit is not None and "v" not in (limit.exact or {})  # its box is that of max-separable
+        if height is not None and not (stated.limit and apart and "v" in (tolerance.exact or {})):
+            found = Envelope(id=TOLERANCE, height=height, rate=claimed(tolerance.rate))
+            return CertifiedBound(envelopes=(found,))
+    return CertifiedBound(reason=f"from these starts no rate is proved with {table_words(problem, TOLERANCE)}")
+
+
+def _height_of(problem: Problem, claims: Claims, tolerance: Check, starts: Starts) -> Fraction | None:
+    """Of |e|_inf under errors of weights and gains: V of the max-separable beside falls, or N of weights of its own."""
+    claim, room = claim_of(tolerance, problem, claims.W), 1 + ROUNDING
+    if isinstance(claim, Tolerance) and claim.v is not None:
+        return None if starts.disturbance else starts.box * largest(claim.v) / least(claim.v)
+    beside = next((check for check in claims.checks if check.id == "max-separable"), None)
+    base = None if beside is None else claim_of(beside, problem, claims.W)
+    if not isinstance(base, Separable):
+        return None
+    return (starts.box * room * base.spread + error_share(base, starts.disturbance * room, unit=10**18)) * base.reach
 
 
 class RunLike(Protocol):

@@ -15,7 +15,7 @@ from dobc_design._show.text import latex_text
 from dobc_design.certificate.bounds import (
     CertifiedBound,
     RunLike,
-    bound_from,
+    bound_of_plant,
     certified_bound,
     certified_settling,
     starts_of,
@@ -133,13 +133,16 @@ class Certificate(Headed):
 
         At each time it is the least of all proved checks and of the settling time's envelope.  It holds for every start
         with |e(0)|_inf <= ``radius`` and |eps_i(0)| <= ``disturbance``, by default the smallest such set that holds the
-        [region]; where the proof is about a guarantee of [switching], for signals that keep it.
-        Raises: SpecError without a [region] and without a radius, and where nothing is proved about these starts.
+        [region]; where the proof is about a guarantee of [switching], for signals that keep it.  It is about the plant
+        that the file states: with errors of weights or gains it is that of `tolerance`, with a limit it needs starts
+        that keep it.
+        Raises: SpecError without a [region] and without a radius, and where nothing is proved about these starts, as
+        under a disturbance, drift or noise of [uncertainty], which leave errors for ever.
         Example:
             >>> dd.certify("clock-sync").bound([0, 1000], radius=1, disturbance=0).round(6).tolist()[1]
             0.0
         """
-        return bound_from(self._loop, self.claims, starts_of(self._loop, radius, disturbance))(times)
+        return bound_of_plant(self._loop, self.claims, starts_of(self._loop, radius, disturbance))(times)
 
     def envelope(self, run: RunLike) -> CertifiedBound:
         """The proved bound of |e(t)|_inf from the start of a simulated run (or of all runs of an ensemble).

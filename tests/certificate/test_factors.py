@@ -209,3 +209,31 @@ def test_a_bound_needs_starts_that_are_proved():
         box.bound([0.0], radius=1000)
     with pytest.raises(SpecError, match="disturbance must be >= 0"):
         certified(line(CHAIN)).bound([0.0], radius=1, disturbance=1)
+
+
+def test_a_bound_is_about_the_plant_that_the_file_states():
+    """Links that may be ten times weaker decay more slowly than the proof for the model says."""
+    times, loose = np.array([0.0, 5.0, 20.0]), {"weights": "9/10"}
+    slow = np.array([[-1, 0, 0], [0.2, -0.2, 0], [0, 0.2, -0.2]])
+    real = [np.abs(expm(slow * time)).sum(axis=1).max() for time in times]
+    bound = certified(line(CHAIN, uncertainty=loose)).bound(times, radius=1, disturbance=0)
+    assert np.all(real <= bound * (1 + 1e-9))
+    model = certified(line(CHAIN)).bound(times, radius=1, disturbance=0)
+    assert real[1] > 2 * model[1]
+    pins = {"gains": {1: 1, 2: 1, 3: 1}, "uncertainty": {"weights": "1/10", "known_to_agents": False}}
+    unknown = certified(CASES["box"][0].replace(**pins))
+    (tolerance,) = [check for check in unknown.checks if check.id == "tolerance"]
+    assert unknown.bound([9.0])[0] >= math.exp(-9 * (tolerance.rate or math.inf))
+
+
+def test_no_bound_is_stated_where_errors_remain_or_inputs_exceed_a_limit():
+    with pytest.raises(SpecError) as remains:
+        certified(line(CHAIN, uncertainty={"disturbance": "1/10"})).bound([1.0], radius=1, disturbance=0)
+    assert "accuracy has the errors that remain" in str(remains.value)
+    held = certified(line(CHAIN, gains={1: 1, 2: 1, 3: 1}, actuators={"limit": 1}))
+    (inputs,) = [check for check in held.checks if check.id == "actuators"]
+    assert isinstance(inputs.domain, dict)
+    assert held.bound([0.0], radius=inputs.domain["radius"], disturbance=0)[0] >= inputs.domain["radius"]
+    with pytest.raises(SpecError) as exceeded:
+        held.bound([0.0], radius=2 * inputs.domain["radius"], disturbance=0)
+    assert "it is not proved that inputs keep the limit of 1" in str(exceeded.value)

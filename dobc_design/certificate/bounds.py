@@ -28,7 +28,7 @@ from dobc_design.conditions.quadratic.claim import Lure
 from dobc_design.conditions.quadratic.decide import diagonal_of_inverse, eigenvalue_bound
 from dobc_design.conditions.schedule.checks import settling_of
 from dobc_design.conditions.schedule.claim import Descent
-from dobc_design.conditions.schedule.cycles import Cycles, phases_of
+from dobc_design.conditions.schedule.cycles import Cycles, phases_of, shortest_period
 from dobc_design.conditions.schedule.decide import Settling
 from dobc_design.conditions.separable.claim import Separable
 from dobc_design.conditions.separable.decide import composite_rate
@@ -329,8 +329,9 @@ def keeps_guarantee(problem: Problem, signal: Mapping[str, Any]) -> bool:
     lasting = np.atleast_1d(signal.get("dwell") or 0.0)
     shortest, longest = float(phases[0].shortest), float(phases[0].longest or np.inf)
     if own.guarantee == "sequence":
-        turns = zip(order, np.broadcast_to(lasting, len(order)).tolist(), strict=True)
-        return kind == "periodic" and list(turns) == [(phase.mode, float(phase.shortest)) for phase in phases]
+        turns = list(zip(order, np.broadcast_to(lasting, len(order)).tolist(), strict=True))
+        once = turns[: shortest_period(turns)]
+        return kind == "periodic" and once == [(phase.mode, float(phase.shortest)) for phase in phases]
     if kind == "periodic":
         alone = any(a == b for a, b in zip(order, order[1:] + order[:1], strict=True))
         return (longest == np.inf or not alone) and bool(shortest <= lasting.min() and lasting.max() <= longest)

@@ -268,6 +268,8 @@ def _arrival(problem: Problem, check: Check, *, pace: Check, final: Check | None
     which = {"global": "", "consensus": " close enough to it"}.get(str(shown.domain), elsewhere)
     if final is not None:
         goal = "the target" if problem.leader is None else "the leader"
+        goal += " plus their offset" if problem.offsets else ""
+        goal += ", in every component," if problem.m > 1 else ""
         return f"All agents end within {_final_bound(final)} of {goal} from every start{which}{switching}"
     arrive = "reach the target" if problem.leader is None else "follow the leader"
     return f"All agents {arrive} from every start{which}{switching}{_pace_in_words(problem, pace)}"

@@ -82,7 +82,7 @@ class Recheck(Shown):
             text="Every claim holds." if self.holds else f"{len(self.failures)} claim(s) do not hold.",
             heads=("claim", "outcome"),
             rows=[*failed, *((title, "confirmed") for title in self.confirmed)],
-            lines=(f"Lone checker: {self.lone_checker}",),
+            lines=(f"Second checker: {self.lone_checker}",),
         )
 
     def __str__(self) -> str:
@@ -90,7 +90,7 @@ class Recheck(Shown):
         rows = [f"{head}; {f'verdict {self.verdict.value}' if self.holds else 'no verdict is confirmed'}."]
         rows += [f"  confirmed: {title}" for title in self.confirmed]
         rows += [f"  NOT confirmed: {text}" for text in self.failures]
-        return "\n".join([*rows, f"  lone checker: {self.lone_checker}"])
+        return "\n".join([*rows, f"  second checker: {self.lone_checker}"])
 
 
 def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
@@ -121,7 +121,7 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
     if own.holds is not bool(refusals):
         return replace(own, lone_checker=said)
     own_view, lone_view = ("accepts", f"refuses ({refusals[0]})") if refusals else ("refuses", "accepts")
-    view = f"the package {own_view}, the lone checker {lone_view}"
+    view = f"the package {own_view}, the second checker {lone_view}"
     disagreement = f"two programs that decide the same claims disagree: {view}. {_what_follows(*refusals)}"
     return replace(own, failures=(*own.failures, disagreement), lone_checker=said)
 

@@ -57,6 +57,7 @@ _QUOTIENT: Final = re.compile(r"([+-]?[0-9]+)/([+-]?[0-9]+)")
 _MAX_BITS: Final = 2000
 # Python refuses to print integers of more digits than this (sys.set_int_max_str_digits).
 _PLAIN_BITS: Final = 10_000
+_SHORT: Final = 6  # digits of a decimal that is read more easily than a quotient
 _EXAMPLES: Final = 'a number such as 3.2, 1e-3 or "9/16"'
 
 
@@ -102,6 +103,14 @@ def number_text(value: Fraction) -> str:
     long = max(value.numerator.bit_length(), value.denominator.bit_length()) > _PLAIN_BITS
     parts = None if long or len(quotient) <= MAX_CHARACTERS else decimal_parts(abs(value))
     return quotient if parts is None else f"{'-' if value < 0 else ''}{with_exponent(*parts)}"
+
+
+def decimal_text(value: Fraction) -> str:
+    """Return the number as people read it: "3.2" where a short decimal is exact, else "1/3"; reading gives it back."""
+    parts = decimal_parts(abs(value))
+    if parts is None or len(parts[0]) > _SHORT or not -_SHORT <= parts[1] <= 0:
+        return number_text(value)
+    return f"{'-' if value < 0 else ''}{without_exponent(*parts)}"
 
 
 def decimal_parts(value: Fraction) -> tuple[str, int] | None:

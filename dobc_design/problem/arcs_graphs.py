@@ -27,7 +27,7 @@ class Graph:
 
 
 def graphml(text: str, source: Source) -> Graph:
-    """Read GraphML; the weights are those of the edge attribute 'weight'.  Raises: SpecError."""
+    """Read GraphML; the weights are those of the edge attribute 'weight' ('w', 'value').  Raises: SpecError."""
     root, found = _graphml_graph(text, source)
     if found is None:
         return Graph(labels=(), rows=iter(()))
@@ -65,11 +65,11 @@ def _graphml_rows(root: ElementTree.Element, graph: ElementTree.Element) -> Iter
 
 def _weight_keys(root: ElementTree.Element) -> dict[str | None, str | None]:
     """The ids under which edges carry a weight, with its default."""
-    keys = (node for node in root.iter() if _tag(node) == "key" and node.get("attr.name") == "weight")
+    keys = [node for node in root.iter() if _tag(node) == "key" and node.get("for") in ("edge", "all")]
+    named_so = ([node for node in keys if node.get("attr.name", "").lower() == name] for name in WEIGHTS)
     return {
         node.get("id"): next((part.text or "" for part in node if _tag(part) == "default"), None)
-        for node in keys
-        if node.get("for") in ("edge", "all")
+        for node in next(filter(None, named_so), [])
     }
 
 

@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import Any
 
 from dobc_design.exact.matrix import Matrix
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import decimal_text
 from dobc_design.exact.reading import counted, is_scalar_matrix, named, some
 from dobc_design.problem.arrays import unreached
 from dobc_design.problem.contradictions import warnings
@@ -96,25 +96,25 @@ def exception_words(problem: Problem) -> str:
 
 
 def _region_words(region: Region) -> str:
-    pairs = ", ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in region.initial_states)
+    pairs = ", ".join(f"[{decimal_text(lo)}, {decimal_text(hi)}]" for lo, hi in region.initial_states)
     error = region.initial_disturbance
-    return f"initial states in {pairs}" + ("" if error is None else f", estimation error at most {number_text(error)}")
+    return f"initial states in {pairs}" + ("" if error is None else f", estimation error at most {decimal_text(error)}")
 
 
 def actuator_words(problem: Problem) -> str:
     """What [actuators] says: limits of inputs, and how large the disturbance may be."""
     table = problem.actuators or Actuators()
     if isinstance(table.limit, Mapping):
-        limits = some([f"{label}: {number_text(limit)}" for label, limit in table.limit.items()], LISTED)
+        limits = some([f"{label}: {decimal_text(limit)}" for label, limit in table.limit.items()], LISTED)
         said = f"|u_i| by component is at most {limits}"
         if len(table.limit) < problem.n:
             said += "; the inputs of the other agents have no limit"
     elif table.limit is not None:
-        said = f"|u_i| is at most {number_text(table.limit)} by component, for every agent"
+        said = f"|u_i| is at most {decimal_text(table.limit)} by component, for every agent"
     else:
         said = "inputs have no limit"
     if table.amplitude is not None:
-        return f"{said}; |d_i| is at most {number_text(table.amplitude)} by component"
+        return f"{said}; |d_i| is at most {decimal_text(table.amplitude)} by component"
     if problem.groups and problem.simulation.xi0 is not None:
         return f"{said}; |d_i| is as large as from simulation.xi0"
     return f"{said}; how large |d_i| may be is not said" if problem.groups else said
@@ -125,14 +125,14 @@ def uncertainty_words(table: Uncertainty) -> str:
     said = []
     for error, what in ((table.weights, "every arc weight"), (table.gains, "every gain")):
         if error:
-            said.append(f"{what} may be {number_text(100 * error)} % off")
+            said.append(f"{what} may be {decimal_text(100 * error)} % off")
     for bound, what in (
         (table.disturbance, "a disturbance that no exosystem generates, |w_i|,"),
         (table.drift, "|xi' - A xi|"),
         (table.measurement, "the noise of every measured state"),
     ):
         if bound:
-            said.append(f"{what} is at most {number_text(bound)}")
+            said.append(f"{what} is at most {decimal_text(bound)}")
     if not said:
         said.append("nothing is uncertain")
     if not table.known_to_agents:
@@ -143,7 +143,7 @@ def uncertainty_words(table: Uncertainty) -> str:
 def simulation_words(problem: Problem) -> str:
     """What [simulation] says, and what runs do without it: how long, from which seed, from where."""
     own = problem.simulation
-    said = [f"{number_text(own.t_final)} s, seed {own.seed}"]
+    said = [f"{decimal_text(own.t_final)} s, seed {own.seed}"]
     if own.x0 is not None:
         where = f"all agents at {_vector(own.x0[0])}" if len(own.x0) == 1 else "every agent at its own"
         said.append(f"they start at x0, {where}")
@@ -167,7 +167,7 @@ def dynamics_lines(problem: Problem) -> list[str]:
     own = problem.dynamics
     if own is None:
         return []
-    A, B = ("; ".join(" ".join(map(number_text, row)) for row in each or ()) for each in (own.A, own.B))
+    A, B = ("; ".join(" ".join(map(decimal_text, row)) for row in each or ()) for each in (own.A, own.B))
     inputs, moves = counted(own.inputs, "input"), "A x" if own.f is None else "f(x)"
     by = f"A = [{A}]" if own.f is None else f"f = ({', '.join(own.f)})"
     lines = [f"Agents: x' = {moves} + B (couplings + u + d), {inputs} each, {by}, B = [{B}]."]
@@ -182,7 +182,7 @@ def leader_words(problem: Problem) -> str:
     if own is None or leader is None:
         return ""
     starts, stays = (
-        " x ".join(f"[{number_text(lo)}, {number_text(hi)}]" for lo, hi in box or ())
+        " x ".join(f"[{decimal_text(lo)}, {decimal_text(hi)}]" for lo, hi in box or ())
         for box in (leader.initial, leader.stays_in)
     )
     pins = problem.pinning.agents
@@ -197,8 +197,8 @@ def leader_words(problem: Problem) -> str:
 def gain_text(gain: Matrix) -> str:
     """A gain: a number, a row [1 2], or "matrix"."""
     if is_scalar_matrix(gain):
-        return number_text(gain[0][0])
-    return f"[{' '.join(map(number_text, gain[0]))}]" if len(gain) == 1 else "matrix"
+        return decimal_text(gain[0][0])
+    return f"[{' '.join(map(decimal_text, gain[0]))}]" if len(gain) == 1 else "matrix"
 
 
 def meaning_lines(problem: Problem) -> list[str]:
@@ -227,7 +227,7 @@ def _observer(problem: Problem, group: Group) -> tuple[str, str]:
     own, name = group.observer, f"observer gain W{_of(problem, group)}"
     if own.W is not None:
         return name, "given" + (". P: given, will be tested" if own.P else "")
-    asked = "" if own.rate is None else f" for a decay rate of {number_text(own.rate)} 1/s"
+    asked = "" if own.rate is None else f" for a decay rate of {decimal_text(own.rate)} 1/s"
     return name, f"to be designed{asked}"
 
 
@@ -282,20 +282,20 @@ def switching_words(problem: Problem) -> str | None:
     own = problem.switching
     if own is None:
         return None
-    dwell = None if own.dwell is None else f"{number_text(own.dwell)} s"
+    dwell = None if own.dwell is None else f"{decimal_text(own.dwell)} s"
     if own.signal == "mobile":
         return f"mobile, {_nearness(own)}; the arcs of the modes are not used, and proofs are about those arcs"
     if own.schedule is not None:
-        listed = ", ".join(f"{mode} from {number_text(time)} s" for time, mode in own.schedule[:LISTED])
+        listed = ", ".join(f"{mode} from {decimal_text(time)} s" for time, mode in own.schedule[:LISTED])
         listed += ", ..." if len(own.schedule) > LISTED else ""
-        return listed + ("" if own.period is None else f", and so again every {number_text(own.period)} s")
+        return listed + ("" if own.period is None else f", and so again every {decimal_text(own.period)} s")
     if own.signal == "periodic":
         modes = ", ".join((own.sequence or tuple(problem.network.modes))[:LISTED])
-        pace = f"a round in {number_text(own.period)} s" if own.period is not None else f"{dwell or 'dwell not given'}"
+        pace = f"a round in {decimal_text(own.period)} s" if own.period is not None else f"{dwell or 'dwell not given'}"
         return f"periodic, {modes} in turn, {pace}{' each' if dwell else ''}"
     if own.generator is not None:
         stays = [
-            f"{mode} for ever" if row[k] == 0 else f"{mode} {number_text(-1 / row[k])} s"
+            f"{mode} for ever" if row[k] == 0 else f"{mode} {decimal_text(-1 / row[k])} s"
             for k, (mode, row) in enumerate(zip(problem.network.modes, own.generator, strict=True))
         ]
         return f"a Markov chain, whose stays last on average: {some(stays, LISTED)}"
@@ -305,16 +305,16 @@ def switching_words(problem: Problem) -> str | None:
 
 
 def _nearness(own: Switching) -> str:
-    kept = f", with a hysteresis of {number_text(own.hysteresis)}" if own.hysteresis else ""
+    kept = f", with a hysteresis of {decimal_text(own.hysteresis)}" if own.hysteresis else ""
     if own.radius is None:
         return f"an agent hears its {counted(own.neighbours or 1, 'nearest neighbour')}{kept}"
-    return f"an agent hears everyone within {number_text(own.radius)} in the unit of x{kept}"
+    return f"an agent hears everyone within {decimal_text(own.radius)} in the unit of x{kept}"
 
 
 def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
     heard: dict[int, list[str]] = defaultdict(list)
     for listener, speaker, weight in arcs:
-        heard[listener].append(labels[speaker] + ("" if weight == 1 else f" (weight {number_text(weight)})"))
+        heard[listener].append(labels[speaker] + ("" if weight == 1 else f" (weight {decimal_text(weight)})"))
         if len(heard) > LISTED:
             break
     rows = [f"{labels[i]} listens to {', '.join(names[:LISTED])}" for i, names in list(heard.items())[:LISTED]]
@@ -322,5 +322,5 @@ def _listening(labels: Sequence[str], arcs: Arcs) -> list[str]:
 
 
 def _vector(values: Sequence[Any]) -> str:
-    texts = [number_text(value) for value in values]
+    texts = [decimal_text(value) for value in values]
     return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"

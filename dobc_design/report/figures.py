@@ -174,6 +174,8 @@ def draw_network(
 
 def drawn_labels(labels: Sequence[str]) -> tuple[list[str], str]:
     """Labels as they are drawn, and the beginning that was left out because all but a few letters are alike."""
+    if all(len(label) <= _INSIDE for label in labels):
+        return list(labels), ""
     first, last = min(labels), max(labels)
     same = itertools.takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
     alike = "".join(letter for letter, _ in same).rstrip("0123456789") if first != last else ""

@@ -1,4 +1,4 @@
-"""What the plant may add to the model: what was assumed, final bounds, largest inputs and the tolerance."""
+"""Model error, noise and input limits: what was assumed, final bounds, largest inputs and the tolerance."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def plant_section(certificate: Certificate) -> Iterator[doc.Section]:
     )
     nothing = doc.Text("Nothing is proved about this, because the conditions that it would rest on fail.")
     blocks = (*([given] if assumed else []), doc.Beside([(each,) for each in told]) if told else nothing)
-    yield doc.Section("What the plant may add", blocks, "plant", "Plant")
+    yield doc.Section("Model error, noise and input limits", blocks, "plant", "Plant")
 
 
 def plant_numbers(certificate: Certificate) -> list[str]:
@@ -89,7 +89,7 @@ def _told(problem: Problem, check: Check) -> doc.Section:
         text = "No component of an input is ever larger than this"
         text += ", so no actuator with a limit saturates." if any(limits.values()) else "."
         table = _worst(inputs, "|uᵢ| ≤", limits)
-    where = f"{' for' if isinstance(check.domain, Mapping) else ''} {words.domain_words(check.domain)}"
+    where = f"{'' if check.domain == 'consensus' else ' for'} {words.domain_words(check.domain)}"
     head = f"{check.verdict.value.capitalize()}{where if proved else ''}"
     return doc.Section(_NAMES[check.id], (doc.Text(f"{head}. {words.sentence(text)}"), *table))
 

@@ -39,7 +39,7 @@ def region_section(problem: Problem, regions: Regions, pictures: Sequence[doc.Pi
     asked, rest = asked_sentence(regions), rest_sentence(regions)
     norms = TEXTS["fixed"]["norms"].format(size=problem.n * problem.m)
     timing = timing_sentences(regions)
-    told = (doc.Section("Time, late messages and sampling", (doc.List(timing),)),) if timing else ()
+    told = (doc.Section("Time, communication delay and sampling", (doc.List(timing),)),) if timing else ()
     blocks = (
         doc.Text(asked),
         doc.on_pages(doc.Pictures(pictures)),
@@ -113,7 +113,7 @@ def asked_sentence(regions: Regions) -> str:
 
 
 def timing_sentences(regions: Regions) -> list[str]:
-    """What the proof says about the time it takes, about late messages and about sampling."""
+    """What the proof says about the time it takes, about communication delays and about sampling."""
     settling, sentences = regions.settling, list[str]()
     if settling is not None and settling.verdict is not Verdict.PROVED:  # a proved one is told stage by stage
         sentences.append(sentence(f"Settling: {settling.reason}"))

@@ -11,7 +11,13 @@ from importlib.resources import files
 from typing import Any, Final
 
 from dobc_design._show.cards import SIGNS
-from dobc_design._show.text import significant, significant_towards_zero, typeset, upper
+from dobc_design._show.text import (
+    significant,
+    significant_away_from_zero,
+    significant_towards_zero,
+    typeset,
+    upper,
+)
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check, Domain
 from dobc_design.conditions.graphs.decide import signals_in_words
@@ -33,6 +39,10 @@ NO_DELAY = (
     "looks for the longest sampling period at which runs converge (all readings, also of oneself, are then up to a "
     "period old); `dobc stress FILE --period 0.03` makes one run."
 )
+NO_DELAY_OF_LEADERS = (
+    "No delay is certified: for agents with [dynamics] only some max-separable proofs state one. "
+    "Delays are not simulated for a target that moves, either."
+)
 MOST_LISTED = 40  # agents listed one by one
 MOST_MODES = 6
 MOST_NAMES = 12
@@ -52,6 +62,7 @@ _SIGNS = tuple(
         (r"\bmax_i\b", "maxᵢ"),
         (r"\bdhat\b", "d̂"),
         (r"\|_P\b", "|ₚ"),
+        (r"\|_inf\b", "|∞"),
         (r"\b([A-Zev]|εᵢ)'(?!s\b)", r"\1′"),
         (r"\bA - W", "A − W"),
         (r"(?<![\w.])-(?= ?\d)", "−"),
@@ -73,7 +84,7 @@ def domain_words(domain: Domain) -> str:
         disturbance = domain.get("disturbance")
         text = f"starts with {'|e|∞' if domain.get('kind') == 'box' else '|e|₂'} ≤ {_number(domain.get('radius'))}"
         return text if disturbance is None else f"{text} and every |εᵢ| ≤ {_number(disturbance)}"
-    return {"global": "everywhere", "consensus": "near the target"}.get(domain, domain)
+    return {"global": "every start", "consensus": "near the target"}.get(domain, domain)
 
 
 def covering_domain(certificate: Certificate) -> Domain | None:
@@ -92,7 +103,7 @@ def facts(certificate: Certificate) -> dict[str, str]:
     return {
         "Holds for": "–" if domain is None else domain_words(domain),
         "Certified decay rate": "–" if rate is None else f"{_number(rate)} 1/s",
-        "Factor of it": factor_words(certificate.factor),
+        "Factor": factor_words(certificate.factor),
         "To one percent within": one_percent_words(certificate),
         "Shown by": KINDS[proof].name if proof in KINDS else "–",
         "Agents": str(certificate.problem.n),
@@ -108,7 +119,7 @@ def factor_words(factor: float | None) -> str:
 def one_percent_words(certificate: Certificate) -> str:
     """The certified time to one percent of the first error."""
     time = time_to_one_percent(certificate.rate, certificate.factor)
-    return f"{upper(time)} s" if math.isfinite(time) else "–"
+    return f"{typeset(significant_away_from_zero(time, 3))} s" if math.isfinite(time) else "–"
 
 
 def number(value: float | None) -> str:
@@ -237,7 +248,7 @@ def deployment_words(certificate: Certificate) -> str:
     """How fast the code has to be, as far as that is proved, and where the code is."""
     exact = {each.id: each.exact or {} for each in certificate.checks if each.verdict is Verdict.PROVED}
     late, held = (rational(exact.get(id, {}).get(key)) for id, key in (("delay", "delay"), ("sampling", "period")))
-    allowed = [f"messages that are late by up to {_number(late)} s"] if late else []
+    allowed = [f"communication delays of up to {_number(late)} s"] if late else []
     allowed += [f"couplings and pins that are held for up to {_number(held)} s between samples"] if held else []
     covered = f"The proof allows {' or '.join(allowed)}. " if allowed else ""
     if certificate.problem.dynamics is not None:
@@ -269,7 +280,7 @@ def shown_notes(certificate: Certificate) -> tuple[str, ...]:
     proved = certificate.verdict is Verdict.PROVED
     if not proved or certificate.problem.dynamics is None or any(each.id == "delay" for each in certificate.checks):
         return notes
-    return (*notes, NO_DELAY)
+    return (*notes, NO_DELAY if certificate.problem.leader is None else NO_DELAY_OF_LEADERS)
 
 
 def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:

@@ -385,6 +385,14 @@ def test_delays_of_agents_with_dynamics_are_said_to_be_open_and_are_tried_by_sam
     assert document["final_error"]["max"] < 0.01
 
 
+def test_the_note_on_delays_names_no_command_that_refuses_a_leader():
+    text = LIMITED.replace("target = [10, 0]\n", "").replace("[-0.1, -0.2]", "[0, 0]")
+    text = text.replace("[actuators]\nlimit = { 1 = 5, 2 = 7 }\n", "[leader]\ninitial = [[0, 0], [1, 2]]\n")
+    note = shown_notes(certify(read(text)))[-1]
+    assert note.startswith("No delay is certified")
+    assert "dobc stress" not in note
+
+
 def test_a_note_on_delays_is_shown_by_no_proof_that_has_them():
     assert shown_notes(certified("platoon"))[-1].startswith("No delay is certified")
     assert not any(

@@ -172,6 +172,14 @@ def test_a_disturbance_counts_and_the_agents_end_near_the_target(omega: str, pro
         require_undecided(certificate, "with a disturbance of up to 1.01 it is not proved")
 
 
+def test_followers_end_near_their_place_behind_the_leader():
+    double = {"dynamics": {"A": [[0, 1], [0, 0]], "B": [[0], [1]]}, "leader": {"initial": [[0, 0], [1, 2]]}}
+    problem = listening([[2, 1]], "y1 + 2*y2", n=2, gains={1: [[3, 6]]}, uncertainty={"disturbance": "0.1"}, **double)
+    assert " of the leader, in every component, from every start" in certified(problem).reason
+    apart = certified(problem.replace(offsets={2: [-20, 0]}))
+    assert " of the leader plus their offset, in every component, from every start" in apart.reason
+
+
 #: Two agents, an observer, and everything that a file can state.
 FULL = {
     "uncertainty": {"weights": "1/50", "gains": "1/50", "disturbance": "1/50", "drift": "1/100"},

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dobc_design.errors import SpecError
 from dobc_design.exact import float_above, float_below, number_text, parse_number
-from dobc_design.exact.number import root_above, root_below
+from dobc_design.exact.number import decimal_text, root_above, root_below
 
 TEXTS = st.from_regex(
     r"[+-]?[0-9]{1,90}(\.[0-9]{1,90})?([eE][+-]?(400|[0-3]?[0-9]{1,2}))?", fullmatch=True
@@ -109,6 +109,12 @@ def test_the_largest_numbers_of_the_contract_are_accepted_and_others_named_by_th
     # repr of a list with a huge integer raises ValueError.
     with pytest.raises(SpecError, match=r"got list\.$"):
         parse_number([10**5000], key="k")
+
+
+def test_a_short_decimal_is_shown_in_place_of_its_quotient():
+    given = ["1/2", "-16/5", "9/16", "1/3", "0", "12000", "1/1000000", "1/10000000", "1234567/10"]
+    shown = ["0.5", "-3.2", "0.5625", "1/3", "0", "12000", "0.000001", "1/10000000", "1234567/10"]
+    assert [decimal_text(Fraction(text)) for text in given] == shown
 
 
 def test_text_of_a_number_of_any_length_is_a_quotient_or_a_decimal():

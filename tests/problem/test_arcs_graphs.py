@@ -65,6 +65,16 @@ def test_a_matrix_without_values_has_weights_1_and_zeros_are_no_arcs(tmp_path):
     assert list(read(path).modes["G"]) == [(0, 1, Fraction(1, 10))]
 
 
+@pytest.mark.parametrize("name", ["weight", "w", "value"])
+def test_graphml_and_gml_know_the_same_names_of_weights(tmp_path, name):
+    graph = nx.DiGraph()
+    graph.add_edge("a", "b", **{name: 2.5})
+    nx.write_graphml(graph, tmp_path / "net.graphml")
+    nx.write_gml(graph, tmp_path / "net.gml")
+    for ending in ("graphml", "gml"):
+        assert [weight for _, _, weight in read(tmp_path / f"net.{ending}").modes["G"]] == [Fraction(5, 2)]
+
+
 PARALLEL = """<graphml xmlns="http://graphml.graphdrawing.org/xmlns">
 <key attr.name="LinkSpeedRaw" attr.type="double" for="edge" id="d36"/>
 <graph edgedefault="undirected"><node id="0"/><node id="1"/><node id="2"/>

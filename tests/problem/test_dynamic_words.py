@@ -28,7 +28,7 @@ def test_check_tells_the_equation_the_inputs_and_the_row_gains():
 
 def test_inputs_that_hold_the_goals_are_named_by_agent():
     """A goal + B u0 = 0: at (1, 0, 2) for a and b, at (2, 0, 3) for c."""
-    assert "Inputs u0 that hold the goals: (5/8, 19/8) for c, (1/4, 7/4) for a." in str(three_states())
+    assert "Inputs u0 that hold the goals: (0.625, 2.375) for c, (0.25, 1.75) for a." in str(three_states())
 
 
 def test_agents_that_no_pin_reaches_are_not_said_to_drift():

@@ -124,7 +124,7 @@ def test_a_canonical_section_with_other_keys_or_null_is_refused(later):
 @pytest.mark.parametrize(
     ("section", "words"),
     [
-        ({"signal": "random", "dwell": 0.5}, "random, a mode drawn anew every 1/2 s"),
+        ({"signal": "random", "dwell": 0.5}, "random, a mode drawn anew every 0.5 s"),
         ({"signal": "periodic", "dwell": 2, "sequence": ["Gb", "Ga"]}, "periodic, Gb, Ga in turn, 2 s each"),
         ({"signal": "periodic", "period": 3}, 'periodic, Ga, Gb, a."b" in turn, a round in 3 s'),
         (
@@ -134,7 +134,7 @@ def test_a_canonical_section_with_other_keys_or_null_is_refused(later):
         ({"signal": "schedule", "schedule": [[0, "Ga"], ["1/3", "Gb"]]}, "Ga from 0 s, Gb from 1/3 s"),
         (
             {"signal": "markov", "generator": [[-2, 2, 0], [0, 0, 0], [0, 1, -1]]},
-            'a Markov chain, whose stays last on average: Ga 1/2 s, Gb for ever, a."b" 1 s',
+            'a Markov chain, whose stays last on average: Ga 0.5 s, Gb for ever, a."b" 1 s',
         ),
         ({"signal": "mobile", "neighbours": 2}, "an agent hears its 2 nearest neighbours; the arcs of the modes"),
         ({"signal": "mobile", "radius": 2, "hysteresis": "1/4"}, "everyone within 2 in the unit of x, with a hyst"),

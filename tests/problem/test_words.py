@@ -24,9 +24,9 @@ def test_words_say_who_listens_to_whom_and_who_is_not_reached():
         "Target: 0. Coupling: h = tanh(y).",
         'Mode "G": 2 arcs.',
         "  a listens to b",
-        "  b listens to c (weight 1/2)",
+        "  b listens to c (weight 0.5)",
         "  NOT REACHED from a pinned agent: d.",
-        "Pinned: c (k = 9/16).",
+        "Pinned: c (k = 0.5625).",
         "Simulations: 20 s, seed 0.",
         "Look at this: Agents without any arc: d. Is an arc missing?",
     ]
@@ -49,7 +49,7 @@ def test_words_say_what_else_is_asked():
     assert describe(problem).splitlines() == [
         "rich: 2 agents, 2 modes of 1, 1 arcs, labels 1 to 2.",
         "2 state components each, disturbance of order 2.",
-        "Target: (1, 1/2). Coupling: h = y (1 arc with another).",
+        "Target: (1, 0.5). Coupling: h = y (1 arc with another).",
         'Mode "A": 1 arc.',
         "  1 listens to 2",
         "  NOT REACHED from a pinned agent: 2.",
@@ -58,9 +58,9 @@ def test_words_say_what_else_is_asked():
         "  Every agent is reached from a pinned agent.",
         "Pinned: 1 (k = matrix).",
         "Other couplings: h = 2*y where 1 listens to 2.",
-        "Formation offsets: 2: (3/2, 3/2).",
+        "Formation offsets: 2: (1.5, 1.5).",
         "Observer gain W: given. P: given, will be tested.",
-        "Region asked for: initial states in [0, 5], [0, 5], estimation error at most 1/2.",
+        "Region asked for: initial states in [0, 5], [0, 5], estimation error at most 0.5.",
         "Proofs may assume: nothing of the signal (any mode, for any time).",
         "Simulations: 20 s, seed 0.",
         "Note: Invented.",
@@ -73,7 +73,7 @@ def test_words_say_what_else_is_asked():
 TABLES = (
     (
         {"actuators": {"limit": {"a": "1/2", "b": 2}, "amplitude": 3}},
-        "Actuators: |u_i| by component is at most a: 1/2, b: 2; the inputs of the other agents have no limit; |d_i| is "
+        "Actuators: |u_i| by component is at most a: 0.5, b: 2; the inputs of the other agents have no limit; |d_i| is "
         "at most 3 by component.",
     ),
     (
@@ -88,7 +88,7 @@ TABLES = (
     (
         {"uncertainty": {"weights": "0.05", "gains": "0.02", "disturbance": "0.1", "drift": "0.01", "measurement": 1}},
         "Uncertainty: every arc weight may be 5 % off; every gain may be 2 % off; a disturbance that no exosystem "
-        "generates, |w_i|, is at most 1/10; |xi' - A xi| is at most 1/100; the noise of every measured state is at "
+        "generates, |w_i|, is at most 0.1; |xi' - A xi| is at most 0.01; the noise of every measured state is at "
         "most 1.",
     ),
     (

@@ -70,6 +70,7 @@ def test_a_figure_is_drawn_once():
 
 def test_labels_lose_what_they_share():
     assert drawn_labels(["uav-1", "uav-2", "uav-12"]) == (["1", "2", "12"], "uav-")
+    assert drawn_labels(["T1", "T2", "T12"]) == (["T1", "T2", "T12"], "")  # these fit into their nodes
     assert drawn_labels(["11", "12"]) == (["11", "12"], "")
     assert drawn_labels(["gateway", "s1"]) == (["gateway", "s1"], "")
     assert drawn_labels(["only"]) == (["only"], "")

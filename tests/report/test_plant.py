@@ -1,4 +1,4 @@
-"""What the plant may add, in the report: assumptions, bounds, inputs, tolerance; nothing where nothing is asked."""
+"""Model error, noise and input limits in a report: bounds, inputs, tolerance; nothing where nothing is asked."""
 
 import re
 from dataclasses import replace
@@ -98,7 +98,9 @@ def test_a_certified_problem_has_the_block_on_its_first_page():
     problem = load_problem("paper-fixed").replace(uncertainty={"disturbance": "1/10"}, actuators={"limit": 30})
     files = render_report(certify(problem))
     text = files["report.md"].decode()
-    assert text.index("## What the plant may add") < text.index("## The loop") < text.index("## The problem")
+    assert (
+        text.index("## Model error, noise and input limits") < text.index("## The loop") < text.index("## The problem")
+    )
     assert re.search(r"\| 1 and 6 \| 2\d\.\d\d \| 30 \|", text)
     page = files["report.html"].decode()
-    assert page.index("What the plant may add") < page.index("<details")
+    assert page.index("Model error, noise and input limits") < page.index("<details")

@@ -175,4 +175,4 @@ def test_a_proof_that_covers_delays_and_sampling_does_not_exclude_them(asked_for
     claims = dataclasses.replace(certificate.claims, checks=(*certificate.checks, sampling))
     page = html_report(dataclasses.replace(certificate, claims=claims))
     assert "messages without delay" not in page
-    assert "late messages and sampling as far as their checks say" in page
+    assert "communication delay and sampling as far as their checks say" in page

@@ -49,7 +49,7 @@ def test_numbers_are_written_as_people_write_them():
 
 
 def test_domains_in_words():
-    assert domain_words("global") == "everywhere"
+    assert domain_words("global") == "every start"
     assert domain_words("consensus") == "near the target"
     assert domain_words({"kind": "ball", "radius": 1.5}) == "starts with |e|₂ ≤ 1.5"
     assert domain_words({"kind": "box", "radius": "x", "disturbance": 0}) == "starts with |e|∞ ≤ ? and every |εᵢ| ≤ 0"

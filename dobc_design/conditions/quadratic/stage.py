@@ -220,7 +220,7 @@ def _remark(asked: Asked, best: Found, found: Sequence[Found]) -> str:
     if math.isinf(best.radius):
         return ""
     others = ", ".join(f"{each.name}: {each.radius:.4g}" for each in found)
-    reached = f" By method: {others}." if len(found) > 1 else ""
+    reached = f" Largest |e| by method: {others}." if len(found) > 1 else ""
     if asked.wanted and best.radius >= asked.ball:
         return reached
     wish = f"the region asks for {asked.ball:.6g}" if asked.wanted else "no region is asked for"

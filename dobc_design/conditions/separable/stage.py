@@ -26,6 +26,7 @@ IN_HAND = Fraction(1, 10**4)
 CLOSE = ((60, 0.002), (2000, 0.02), (10**9, 0.25))
 ROUGHLY = ((60, 9), (2000, 7), (10**9, 4))  # agents, and bisections in coordinates
 HALVINGS = 12
+NEARLY = 1.01  # rates that differ by a smaller factor are the same
 AS_PLANNED = 0.97  # of a planned rate: where less is proved, other plans may be better
 WIDER = Fraction(2)  # how much further out the agent is looked for that is no longer held
 KEPT = Fraction(1, 2)  # of the rate, which delays are to leave
@@ -107,7 +108,8 @@ def _by_component(asked: Asked, report: Progress) -> list[Check]:
         return [undecided_check("max-separable", domain, f"{reason}.")]
     claim, radius = found.claim, found.radius
     told = _remark(asked, claim, radius) if cut is None else f" The search for a larger box was {cut}"
-    if found.fastest is not None:
+    # A plan keeps a little of its rate in hand, so that a claim close to it may prove more than it promises.
+    if found.fastest is not None and found.fastest.whole_rate > NEARLY * composite_rate(claim):
         told = fastest_in_words(found.fastest.whole_rate, found.fastest.factor) + told
     check = checks.max_separable_check(
         problem, W, claim, radius=radius, disturbance=asked.disturbance, domain=domain, remark=told

@@ -259,6 +259,12 @@ def least_solution(
         if step is None:
             return None
         proposed = np.maximum(lower, v + step)
+        if np.any(proposed[raised] < v[raised] * (1 - drop)) and np.any(step[~raised] < 0):
+            # Curved rows overshoot: a neighbour that falls back takes a row down with it. That it stays will do.
+            step = solved(jacobian, residual, raised)
+            if step is None:
+                return None
+            proposed = np.maximum(lower, v + step)
         # A solution lies above: where a row fails, v has to rise; a step down there means there is none.
         if np.any(proposed[raised] < v[raised] * (1 - drop)) or not np.all(np.isfinite(proposed)):
             return None

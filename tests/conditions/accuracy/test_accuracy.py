@@ -10,8 +10,9 @@ import groups_cases as groups
 import numpy as np
 import pytest
 from disturbed import exact_gain, final_errors, linear_problem, responses, second_order
+from separable_problems import listening
 
-from dobc_design import Problem, Verdict, load_problem
+from dobc_design import Exosystem, Observer, Problem, Verdict, load_problem
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify as certified
 from dobc_design.certification.recheck import recheck
@@ -321,3 +322,17 @@ def test_larger_inputs_are_not_covered():
 def test_the_bound_is_never_below_the_exact_gain(seed: int):
     problem, gain = exact_gain(seed)
     assert np.all(np.array(bounds(problem)) >= gain)
+
+
+def test_boxes_inside_are_found_where_a_newton_step_overshoots():
+    """Curved rows with noise: the step for the weights of the inner boxes passes one entry of the solution by 1e-6."""
+    arcs = [[1, 3, 1], [2, 1, 2], [3, 2, 2]]
+    problem = listening(arcs, "y + y**3/10", n=3, gains={1: 5, 2: 2, 3: 3}, target=0)
+    inputs = {"disturbance": "0.05", "drift": "0.02", "measurement": "0.01", "weights": "0.05", "gains": "0.05"}
+    problem = problem.replace(
+        exosystem=Exosystem(A=[[0, 1], [-1, 0]], C=[[1, 0]]),
+        observer=Observer(W=[[2], [0]]),
+        region={"initial_states": ["-1/2", "1/2"], "initial_disturbance": "1/5"},
+        uncertainty=inputs,
+    )
+    assert max(bounds(problem)) < 0.13

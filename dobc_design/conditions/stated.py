@@ -20,6 +20,8 @@ from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
 from dobc_design.verdict import Verdict
 
 LIMIT, TOLERANCE, ACCURACY = "actuators", "tolerance", "accuracy"
+#: How a reason ends where the disturbance takes all that an actuator can give.
+NO_ROOM = "so that no region and no gain would do."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +110,9 @@ def _cure(problem: Problem, checks: Sequence[Check], id: str) -> str:
     """What would help; final bounds of linear couplings scale with the bounds of [uncertainty], and hold everywhere."""
     if any(check.id == "max-separable" and check.verdict is Verdict.REFUTED for check in checks):
         return "pins or arcs by which every agent is reached in every mode"
+    found = next((check for check in checks if check.id == id), None)
+    if id == LIMIT and found is not None and found.reason.endswith(NO_ROOM):
+        return "a larger limit"
     if id == ACCURACY and problem.is_linear:
         return "larger gains or more pinned agents"
     return _CURES[id] if problem.region is not None else _CURES_NEAR[id]

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from dobc_design._show.text import lower, upper
+from dobc_design._show.text import lower
 from dobc_design.certificate.certificate import Certificate
 from dobc_design.conditions.check import Check
 from dobc_design.conditions.numbers import time_to_one_percent
@@ -87,8 +87,8 @@ def conclusion(first: Certificate, second: Certificate) -> str:
     times = [time_to_one_percent(each.rate, each.factor) for each in (first, second)]
     if all(map(math.isfinite, times)) and times[0] != times[1]:
         better, worse = ("A", "B") if times[0] < times[1] else ("B", "A")
-        early, late = upper(min(times)), upper(max(times))
-        return f"Both are proved. {better} is certified to reach one percent after {early} s, {worse} after {late} s."
+        early, late = words.seconds(min(times)), words.seconds(max(times))
+        return f"Both are proved. {better} is certified to reach one percent after {early}, {worse} after {late}."
     a, b = first.rate or 0.0, second.rate or 0.0
     if a == b:
         return "Both are proved, at the same certified rate."
@@ -115,7 +115,7 @@ def _box(letter: str, certificate: Certificate) -> doc.Box:
     return doc.Box(
         mark=words.mark_of(certificate.verdict),
         word=certificate.verdict.value.capitalize(),
-        reason=certificate.reason,
+        reason=words.sentence(certificate.reason),
         title=f"{letter}: {certificate.problem.name}",
         note=f"{words.size_sentence(certificate.problem)} {words.pin_sentence(certificate.problem)}",
     )

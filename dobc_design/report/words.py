@@ -24,7 +24,7 @@ from dobc_design.conditions.graphs.decide import signals_in_words
 from dobc_design.conditions.kinds import KINDS, ids_of
 from dobc_design.conditions.numbers import read_rational, time_to_one_percent
 from dobc_design.exact.matrix import Matrix, Vector, matrix
-from dobc_design.exact.number import number_text
+from dobc_design.exact.number import decimal_text, number_text
 from dobc_design.exact.reading import counted, is_scalar_matrix
 from dobc_design.problem.meaning import disturbance_words, time_words
 from dobc_design.problem.network import Arcs
@@ -118,7 +118,11 @@ def factor_words(factor: float | None) -> str:
 
 def one_percent_words(certificate: Certificate) -> str:
     """The certified time to one percent of the first error."""
-    time = time_to_one_percent(certificate.rate, certificate.factor)
+    return seconds(time_to_one_percent(certificate.rate, certificate.factor))
+
+
+def seconds(time: float) -> str:
+    """A certified time as the verdict states it, rounded up to three digits; an en dash where there is none."""
     return f"{typeset(significant_away_from_zero(time, 3))} s" if math.isfinite(time) else "–"
 
 
@@ -303,7 +307,7 @@ def loop_facts(certificate: Certificate) -> list[tuple[str, str]]:
     if W is not None and len(W) * len(W[0]) <= MOST_NAMES:
         rows = ["; ".join(decimal(x) for x in row) for row in W]
         facts.append(("Observer gain W", f"({', '.join(rows)})′, {certificate.claims.gain_source or 'given'}"))
-    facts.append(("Gains of the pins", _pins(problem)))
+    facts.append(("Pinning gains", _pins(problem)))
     facts += [("Time scales", times)] if (times := time_words(problem)) else []
     return facts
 
@@ -313,7 +317,7 @@ def dynamics_words(problem: Problem) -> list[str]:
     own = problem.dynamics
     if own is None:
         return []
-    rows = [[number_text(x) for x in problem.input_at(problem.goal_of(i))] for i in range(problem.n)]
+    rows = [[decimal_text(x) for x in problem.input_at(problem.goal_of(i))] for i in range(problem.n)]
     by_input: dict[str, list[str]] = {}
     for agent, row in enumerate(rows):
         by_input.setdefault(f"({', '.join(row)})", []).append(problem.network.labels[agent])
@@ -507,5 +511,5 @@ def target_words(problem: Problem) -> str:
 
 def vector_text(vector: Vector) -> str:
     """A vector as text."""
-    entries = [number_text(x) for x in vector[:MOST_NAMES]]
+    entries = [decimal_text(x) for x in vector[:MOST_NAMES]]
     return entries[0] if len(vector) == 1 else f"({', '.join(entries)}{', …' if len(vector) > MOST_NAMES else ''})"

@@ -114,6 +114,7 @@ def test_a_limit_below_the_disturbance_makes_the_verdict_undecided(tmp_path: Any
         "with the limit of 0.5 it is not proved",
         "The disturbance alone may need 2",
     )
+    assert certificate.reason.endswith("What would help: a larger limit.")
 
 
 @pytest.mark.slow

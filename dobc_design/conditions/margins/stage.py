@@ -29,7 +29,7 @@ from dobc_design.conditions.separable.claim import (
 from dobc_design.conditions.separable.decide import NOT_BY_COMPONENT, largest_rate, verify_separable
 from dobc_design.conditions.separable.propose_observer import propose_error_bound
 from dobc_design.conditions.separable.stage import IN_HAND, TIMED_ARCS
-from dobc_design.conditions.stated import stated_in
+from dobc_design.conditions.stated import NO_ROOM, stated_in
 from dobc_design.conditions.weighted.propose import rounded
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.number import root_above
@@ -399,7 +399,7 @@ def _too_large(asked: Asked, plan: _Plan, found: Sequence[Fraction]) -> str:
     reason = f"the input of agent {label} may reach {float(most):.6g}, more than its limit of {float(allowed):.6g}."
     if allowed <= found[place]:
         alone = float(found[place])
-        return f"{reason} The disturbance alone may need {alone:.6g}, so that no region and no gain would do."
+        return f"{reason} The disturbance alone may need {alone:.6g}, {NO_ROOM}"
     if room <= 0:
         rest = float(plan.parts[place][1])
         return f"{reason} The disturbance may need {float(found[place]):.6g}, errors of estimates and noise {rest:.6g}."

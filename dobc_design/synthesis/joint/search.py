@@ -541,6 +541,8 @@ def pins_words(problem: Problem, structure: Structure, pinned: Sequence[int], *,
             why = "the network is held where it listens to nobody outside"
         elif len(groups) > 1:
             why = f"{len(groups)} groups listen to nobody outside, and each needs a pin"
+            if problem.switching is not None and problem.switching.is_guaranteed and len(problem.network.modes) > 1:
+                why += " under arbitrary switching; fewer may do under the guarantee, which designs ignore"
         elif len(groups[0]) == problem.n:
             why = "at least one is needed, or the group can drift as a whole. No more were needed"
         else:

@@ -192,3 +192,6 @@ def test_under_a_guarantee_nothing_is_refuted_that_holds_for_arbitrary_switching
         assert found.verdict is verdict
         assert ("guarantee of [switching]" in found.reason) == (switching is not None)
         assert dd.design_pinning(problem, rate="1/10", pins=1, conservative=True).verdict is verdict
+        said = str(dd.design(problem))
+        assert "2 groups listen to nobody outside, and each needs a pin" in said
+        assert ("fewer may do under the guarantee" in said) == (switching is not None)

@@ -48,6 +48,7 @@ from dobc_design.conditions.weighted.stage import weighted_stage
 from dobc_design.errors import DobcError, wrong
 from dobc_design.exact.matrix import Matrix, multiply, to_float
 from dobc_design.exact.number import Number, number_text, parse_number
+from dobc_design.exact.reading import counted
 from dobc_design.exact.work import WorkLimitError, out_of_time, read_time_limit, until
 from dobc_design.problem.canonical import problem_sha256
 from dobc_design.problem.exosystems import Exosystem, block_diagonal
@@ -472,7 +473,7 @@ def notes_of(problem: Problem, designs: Sequence[GainDesign | None], how: str) -
             f"The optional arcs of mode {', '.join(loose)} may come and go at any time, also while the mode lasts.",
         ),
         (linear, "Every coupling is exactly linear: what holds near the target holds everywhere."),
-        (problem.exceptions, f"{len(problem.exceptions)} arc(s) have a coupling of their own."),
+        (problem.exceptions, f"{counted(len(problem.exceptions), 'arc')} with a coupling of their own."),
         (problem.offsets, "Agents go to the target plus their formation offset; couplings act on x - offset."),
     ):
         if applies:

@@ -30,6 +30,7 @@ from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import Source, load_problem
 from dobc_design.problem.network import IndexArray
 from dobc_design.problem.problem import Problem
+from dobc_design.problem.uncertainty import ABSOLUTE, RELATIVE
 from dobc_design.simulation import integrate
 from dobc_design.simulation import setting as settings
 from dobc_design.simulation import trajectory as measures
@@ -211,6 +212,8 @@ def simulate(
         remarks += [] if remark is None else [remark]
     if problem.groups and problem.joint_observer.W is None and observer != "off":
         remarks.append("No W was given: it was designed.")
+    if stress is None:
+        remarks += _left_out(problem)
     gain = None if observer == "off" else observer_gain(problem)
     given = Options(mode=mode, signal=signal, start=start, t_final=t_final, seed=seed, samples=samples, stress=stress)
     given |= {"observer": observer, "tolerance": tolerance}
@@ -221,6 +224,18 @@ def simulate(
     if runs is None:
         return replace(run_once(setting, progress=report_to(progress)), loop_sha256=mark)
     return replace(run_many(setting, runs, progress=report_to(progress)), loop_sha256=mark)
+
+
+def _left_out(problem: Problem) -> list[str]:
+    """What the file states about the plant, of which a run without stress knows nothing."""
+    own, limits = problem.uncertainty, problem.actuators
+    tables = ["[uncertainty]"] if own is not None and any(getattr(own, x) for x in (*RELATIVE, *ABSOLUTE)) else []
+    tables += ["[actuators]"] if limits is not None and limits.limit else []
+    if not tables:
+        return []
+    applied = problem.leader is None and settings.worst_stress(problem, needed=False) != Stress()
+    by_stress = "; `dobc stress FILE --worst` applies the limits, disturbance and noise" if applied else ""
+    return [f"Not simulated: what {' and '.join(tables)} of the file states{by_stress}."]
 
 
 def fingerprint(problem: Problem, gain: Matrix | None) -> str:

@@ -134,3 +134,23 @@ def test_signals_and_stress_are_at_their_worst_together():
 def test_a_problem_that_bounds_nothing_is_refused():
     with pytest.raises(dd.errors.SpecError, match="bounds no disturbance"):
         dd.simulate(pair(uncertainty={"weights": "0.1"}), stress="worst")
+
+
+@pytest.mark.parametrize(
+    ("tables", "note"),
+    [
+        ({}, None),
+        ({"uncertainty": {"weights": "0.1"}}, "Not simulated: what [uncertainty] of the file states."),
+        (
+            {"uncertainty": {"disturbance": "0.1"}, "actuators": {"limit": 3}},
+            "Not simulated: what [uncertainty] and [actuators] of the file states; `dobc stress FILE --worst` applies "
+            "the limits, disturbance and noise.",
+        ),
+    ],
+)
+def test_a_run_without_stress_says_which_tables_it_leaves_out(tables, note):
+    problem = pair(**tables)
+    told = [each for each in dd.simulate(problem, t_final=1).notes if each.startswith("Not simulated")]
+    assert told == ([] if note is None else [note])
+    if note is not None and "--worst" in note:
+        assert not any(each.startswith("Not") for each in dd.simulate(problem, t_final=1, stress="worst").notes)

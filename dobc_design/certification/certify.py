@@ -146,7 +146,7 @@ def certify(
             version=__version__,
             options=tuple(options),
         )
-        report("asking the second program")
+        report("asking the second checker")
         return Certificate(problem=given, claims=agreed(claims, problem))
 
 

@@ -52,8 +52,8 @@ REGIONAL: Final[dict[str, Callable[..., str | None]]] = {
 #: The same, up to which ``certify`` asks it before it writes; and what comes before the checks in its findings.
 PROMPT_ARCS: Final = 2000
 FIRST: Final = 3
-DISAGREE: Final = "it is {} here, but the second program does not confirm it ({}). {}"
-# How the second program says that it met a limit, not that a claim is wrong.
+DISAGREE: Final = "it is {} here, but the second checker does not confirm it ({}). {}"
+# How the second checker says that it met a limit, not that a claim is wrong.
 UNSURE: Final = ("not shown", "followed here", "too many", "too large", "too long", "more than", "may be none")
 HOW = "python -I -S dobc_design/checker certificate.json problem.json"
 
@@ -128,7 +128,7 @@ def verify_twice(certificate: Claims | bytes, problem: Problem) -> Recheck:
 
 def _what_follows(*refusals: str) -> str:
     if refusals and all(any(words in text for words in UNSURE) for text in refusals):
-        return "The second program reached its limits; the claim may still be true."
+        return "The second checker reached its limits; the claim may still be true."
     return "One of them is wrong; please report it."
 
 
@@ -173,7 +173,7 @@ def agreed(claims: Claims, problem: Problem) -> Claims:
 
 def _unasked_words(unasked: Sequence[Check]) -> str:
     names = dict.fromkeys(check.id for check in unasked if check.verdict is not Verdict.UNDECIDED)
-    told = f"Time ran out before the second program was asked about {', '.join(names)}"
+    told = f"Time ran out before the second checker was asked about {', '.join(names)}"
     return f"{told}: `dobc verify` asks it about the whole certificate."
 
 

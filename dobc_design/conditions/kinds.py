@@ -24,7 +24,7 @@ Role = Literal["part", "paper", "given", "region", "timing", "rest", "settling",
 class Kind(Shown):
     """One kind of check.  ``topic``: its folder in ``conditions/``.  ``name`` and ``decides`` are the words of reports,
     the fields from ``title`` to ``source`` those of `dobc explain`; ``statement`` is LaTeX.  ``decided_in``: its
-    modules, ``checker``: the file of the second program that decides it again."""
+    modules, ``checker``: the file of the second checker that decides it again."""
 
     id: str
     topic: str

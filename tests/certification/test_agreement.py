@@ -1,4 +1,4 @@
-"""``certify`` writes what the second program confirms: known defects by their problems, and programs that disagree."""
+"""``certify`` writes what the second checker confirms: known defects by their problems, and programs that disagree."""
 
 import json
 import random
@@ -165,11 +165,11 @@ def test_what_the_second_program_refuses_is_not_written(which: str, disturbed, m
     claims = rechecks.agreed(honest, problem)
     if which == "overall":
         assert (honest.verdict, claims.verdict, claims.covered_by) == (PROVED, UNDECIDED, None)
-        assert "second program" in claims.reason
+        assert "second checker" in claims.reason
         return
     withdrawn = [new for new, old in zip(claims.checks, honest.checks, strict=True) if new != old]
     assert which in [check.id for check in withdrawn] and (claims.P is None) is (which == "theorem1")
-    assert all(check.verdict is UNDECIDED and "second program" in check.reason for check in withdrawn)
+    assert all(check.verdict is UNDECIDED and "second checker" in check.reason for check in withdrawn)
     assert claims.verdict is (UNDECIDED if which == "max-separable" else PROVED)
     monkeypatch.undo()  # what is left is a certificate like any other
     assert verify(certificate_bytes(claims), problem).failures == ()

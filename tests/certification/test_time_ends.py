@@ -111,7 +111,7 @@ def test_the_second_program_examines_no_claim_after_its_time_and_the_certificate
         time.sleep(1e-3)
         found = agreed(claims, problem)
     assert (found.verdict, found.checks) == (claims.verdict, claims.checks)
-    assert found.notes[-1].startswith("Time ran out before the second program was asked about ")
+    assert found.notes[-1].startswith("Time ran out before the second checker was asked about ")
     assert agreed(claims, problem).notes == claims.notes
 
 

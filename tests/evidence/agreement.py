@@ -53,9 +53,9 @@ def run(count: int, seed: int) -> Row:
         certificate = certify(problem)
         verdicts.update((kind, certificate.verdict.value) for kind in ("", *kinds(problem)))
         claims.update(check.verdict.value for check in certificate.checks)
-        failures += [f"{number}: {c.reason}" for c in certificate.checks if "second program" in c.reason]
+        failures += [f"{number}: {c.reason}" for c in certificate.checks if "second checker" in c.reason]
         failures += [f"{number}: {text}" for text in verify(certificate_bytes(certificate.claims), problem).failures]
-        failures += [f"{number}: {certificate.claims.reason}"] if "second program" in certificate.claims.reason else []
+        failures += [f"{number}: {certificate.claims.reason}"] if "second checker" in certificate.claims.reason else []
     notes = [f"single claims: {', '.join(f'{claims[verdict]} {verdict}' for verdict in VERDICTS)}"]
     for kind in ("", *KINDS):
         many = [verdicts[kind, verdict] for verdict in VERDICTS]

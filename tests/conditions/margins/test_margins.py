@@ -35,7 +35,7 @@ SMALL = {"initial_states": ["-0.1", "0.1"], "initial_disturbance": "0.05"}
 def found(problem: Problem, id: str) -> Check:
     """The check, which both programs have confirmed: certify withdraws what the second one refuses."""
     check = next(check for check in certified(problem).checks if check.id == id)
-    assert "second program" not in check.reason
+    assert "second checker" not in check.reason
     return check
 
 
@@ -52,7 +52,7 @@ def chain(h: str = "y", **more: object) -> Problem:
 
 
 def accepted(problem: Problem, checks: tuple[Check, ...], certificate: object) -> tuple[bool, bool]:
-    """Whether the package and the second program accept these checks in place of those of the certificate."""
+    """Whether the package and the second checker accept these checks in place of those of the certificate."""
     claims = replace(certificate.claims, checks=checks)
     second = examine(certificate_bytes(claims), canonical_bytes(problem))
     return recheck(claims, problem).holds, all(holds for holds, _ in second)

@@ -1,7 +1,7 @@
 """safety and markov: graphs that move in any way, and graphs that a Markov chain draws."""
 
 from fractions import Fraction
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 from .consensus import closed
@@ -14,6 +14,7 @@ from .separable import observed
 MODES = 300
 
 
+@lru_cache(maxsize=1)  # every refuted check of a mode asks
 def generator(p: Problem) -> Matrix:
     """The rates from mode to mode of the Markov chain that proofs may assume."""
     size, table = len(p.modes), p.switching or {}

@@ -68,13 +68,14 @@ class Phase(Shown):
 def phases_of(problem: Problem) -> tuple[Phase, ...]:
     """The phases of the guarantee of [switching]; empty without one, and where one mode is always on.  A sequence that
     repeats a shorter one has the phases of the shorter one."""
-    return _phases(problem.switching, tuple(problem.network.modes))
+    own, modes = problem.switching, tuple(problem.network.modes)
+    if own is None or own.guarantee not in ("dwell", "sequence") or len(modes) == 1:
+        return ()  # the generator of a Markov chain is not hashed over and over
+    return _phases(own, modes)
 
 
 @lru_cache(maxsize=16)
-def _phases(own: Switching | None, modes: tuple[str, ...]) -> tuple[Phase, ...]:
-    if own is None or own.guarantee not in ("dwell", "sequence") or len(modes) == 1:
-        return ()
+def _phases(own: Switching, modes: tuple[str, ...]) -> tuple[Phase, ...]:
     if own.guarantee == "dwell":
         every = range(len(modes))
         return tuple(

@@ -375,6 +375,7 @@ class _Linear:
         late = shrinking[len(shrinking) // 2 :]
         return sum(late) / len(late) / mean if math.isfinite(sum(late)) else 0.0
 
+    @np.errstate(all="ignore")  # a round may leave the floats
     def _of_one_round(self) -> float:
         """The same where each phase has one end: by the spectral radius of the map of a round."""
         whole, lost = np.eye(self.ways[0][1].shape[-1]), 0.0
@@ -409,6 +410,7 @@ def _in_turn(phases: Sequence[Phase]) -> bool:
     return all(phase.successors == ((p + 1) % len(phases),) for p, phase in enumerate(phases))
 
 
+@np.errstate(all="ignore")
 def _maps(M: Array, ends: Sequence[Fraction]) -> tuple[Array, Array]:
     """Times (s) at which a phase may end, and the maps exp(M t) until then."""
     spend(HANDED * len(ends))

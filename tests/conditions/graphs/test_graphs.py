@@ -11,11 +11,15 @@ from searches import only
 
 from dobc_design import Exosystem, Network, Problem, Switching, Verdict, certify, simulate
 from dobc_design.certification.recheck import verify_twice
+from dobc_design.checker import files as checker_files
+from dobc_design.checker import graphs as checker_graphs
+from dobc_design.checker.reading import read
 from dobc_design.conditions.coverage import read_region
 from dobc_design.conditions.graphs.decide import closed_classes, why_not
 from dobc_design.conditions.graphs.stage import markov_stage, mean_claim, square_claim
 from dobc_design.conditions.separable.stage import separable_stage
 from dobc_design.errors import SpecError
+from dobc_design.problem.canonical import canonical_bytes
 
 PAPER = "exp(y) - 1 + y"
 CHAIN = {"A": [[3, 2]], "B": [[2, 1]]}
@@ -268,3 +272,11 @@ def test_modes_that_are_never_left_and_hold_agents_apart_refute_consensus(modes,
         assert "which it never leaves, no pinned agent reaches agent 2" in found.reason
         run = simulate(own, mode=list(modes)[-1], start=[[0.0], [1e-6]], t_final=50)
         assert run.final_error == pytest.approx(1e-6)
+
+
+def test_the_second_program_reads_the_generator_once(monkeypatch):
+    """And not once for every mode whose Lemma 1 is refuted."""
+    file, asked = checker_files.Problem(canonical_bytes(problem())), []
+    monkeypatch.setattr(checker_graphs, "read", lambda value, shape: asked.append(shape) or read(value, shape))
+    assert not any(checker_graphs.may_stay(file, mode) for mode in file.modes for _ in range(3))
+    assert len(asked) == 1

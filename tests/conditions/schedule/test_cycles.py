@@ -104,6 +104,24 @@ def test_there_are_no_phases_without_a_guarantee_or_with_one_mode():
     assert why_not(problem(signal="random", dwell=1), None, Cycles(phases=(), rate=None, rho=None)) is not None
 
 
+def test_asking_for_phases_does_not_hash_the_generator_of_a_chain(monkeypatch):
+    """It has as many entries as pairs of modes, and every refuted check of a mode asks."""
+    own = problem(guarantee="markov", generator=[[-1, 1, 0], [0, -1, 1], [1, 0, -1]])
+
+    def hashed(_: Any) -> int:
+        raise AssertionError
+
+    monkeypatch.setattr(Switching, "__hash__", hashed)
+    assert phases_of(own) == ()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_round_that_leaves_the_floats_is_undecided():
+    turns = {"guarantee": "sequence", "sequence": ["A", "B"], "dwell": 10_000}
+    found = schedule_of(certify(problem({"A": [[2, 1]], "B": [[3, 2]]}, coupling="-y", **turns)))
+    assert found.verdict is Verdict.UNDECIDED
+
+
 def test_a_sequence_that_repeats_a_shorter_one_has_its_phases():
     """Also in the second program; other lengths make another sequence."""
     for times, dwell, once in ((50, 1, 1), (2, [1, 2, 1, 2], [1, 2])):

@@ -20,7 +20,7 @@ from dobc_design.certificate.claims import Claims
 from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import writable
 from dobc_design.certification.cures import Findings, with_cures
-from dobc_design.certification.overall import decide_overall
+from dobc_design.certification.overall import Overall, decide_overall
 from dobc_design.certification.recheck import Recheck, agreed, verify_twice
 from dobc_design.conditions.accuracy.stage import accuracy_stage
 from dobc_design.conditions.check import Check, cut_check, surviving, undecided_check
@@ -35,7 +35,7 @@ from dobc_design.conditions.graphs.decide import generator_of
 from dobc_design.conditions.graphs.stage import markov_stage, safety_stage
 from dobc_design.conditions.linearisation.stage import linearisation_stage
 from dobc_design.conditions.margins.stage import inputs_stage, is_asked, margins_stage
-from dobc_design.conditions.numbers import is_writable
+from dobc_design.conditions.numbers import claimed, is_writable
 from dobc_design.conditions.observer.decide import detectability_check, hurwitz_check, observability_check, too_large
 from dobc_design.conditions.observer.propose import GainDesign, chosen_gains, design_gains, observer_gain, propose_pairs
 from dobc_design.conditions.quadratic.stage import SMALL_ROWS, quadratic_stage
@@ -142,12 +142,27 @@ def certify(
             gain_source=None if W is None else ("designed" if any(found.designs) else "given"),
             P=P,
             Q=None if pair is None else pair.Q,
-            notes=tuple(notes_of(problem, found.designs, found.how)),
+            notes=(*notes_of(problem, found.designs, found.how), *_asked_rate(problem, checks, overall, wanted)),
             version=__version__,
             options=tuple(options),
         )
         report("asking the second checker")
         return Certificate(problem=given, claims=agreed(claims, problem))
+
+
+def _asked_rate(
+    problem: Problem, checks: Sequence[Check], overall: Overall, wanted: Fraction | None
+) -> Iterator[str]:
+    """What became of a rate that was asked for, where the verdict does not have it."""
+    if wanted is None or claimed(overall.rate or 0.0) >= wanted:
+        return
+    asked = f"A rate of at least {float(wanted):.6g} 1/s was asked for"
+    fast = [check for check in checks if check.rate is not None and claimed(check.rate) >= wanted]
+    having = next((check.title for check in fast if covers(problem, check, checks)), None)
+    if having is None:
+        yield f"{asked} and is not proved. `dobc design FILE --rate` looks for gains that have it."
+    else:
+        yield f"{asked}: {having} proves it. The verdict rests on another condition."
 
 
 def _read_rate(value: Number) -> Fraction:

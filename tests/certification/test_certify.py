@@ -176,3 +176,12 @@ def test_the_printed_pair_on_other_numbers_of_agents_has_the_same_bound():
     """The bound is a fact of (A, C, W, P): n does not enter it."""
     for n in (1, 2, 25):
         assert consensus(cycle(1, n=n)).check("theorem1-printed").exact["bound"] == "-9/8"
+
+
+def test_a_rate_that_was_asked_for_and_not_reached_is_named():
+    """One agent with k = 1 and no disturbance decays at the rate 1, and at no larger one."""
+    alone = linked([], 1, gains={1: 1})
+    assert not any("asked for" in note for note in certify(alone, rate="0.99").claims.notes)
+    fast = certify(alone, rate="1.01")
+    assert fast.verdict is Verdict.PROVED
+    assert fast.claims.notes[-1].startswith("A rate of at least 1.01 1/s was asked for and is not proved.")

@@ -150,9 +150,7 @@ def certify(
         return Certificate(problem=given, claims=agreed(claims, problem))
 
 
-def _asked_rate(
-    problem: Problem, checks: Sequence[Check], overall: Overall, wanted: Fraction | None
-) -> Iterator[str]:
+def _asked_rate(problem: Problem, checks: Sequence[Check], overall: Overall, wanted: Fraction | None) -> Iterator[str]:
     """What became of a rate that was asked for, where the verdict does not have it."""
     if wanted is None or claimed(overall.rate or 0.0) >= wanted:
         return

@@ -7,6 +7,7 @@ What is left after T = steps h is a part of the whole: exp(F (T + t)) = exp(F t)
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import pairwise
@@ -31,13 +32,23 @@ def row_norm(M: Matrix) -> Fraction:
 def peak_gains(
     F: Matrix, C: Matrix, inputs: Sequence[Matrix], *, step: Fraction, steps: int
 ) -> tuple[Fraction, ...] | None:
-    """Upper bounds of the integral over t > 0 of |C exp(F t) B|_inf by rows, for I and then every B (q, m) of
-    ``inputs``; the worst row of C counts.  ``step`` > 0 (s).  None where no bound is shown: F (q, q) is not Hurwitz, or
+    """As ``peak_gains_by_row``, for every block the largest of all rows of C."""
+    found = peak_gains_by_row(F, C, inputs, step=step, steps=steps)
+    return None if found is None else tuple(map(max, zip(*found, strict=True)))
+
+
+def peak_gains_by_row(
+    F: Matrix, C: Matrix, inputs: Sequence[Matrix], *, step: Fraction, steps: int
+) -> tuple[tuple[Fraction, ...], ...] | None:
+    """Upper bounds of the integral over t > 0 of the row sums of |C exp(F t) B|: for every row of C one for I and then
+    for every B (q, m) of ``inputs``.  ``step`` > 0 (s).  None where no bound is shown: F (q, q) is not Hurwitz, or
     the steps end too early or are too many; a bound proves that F is Hurwitz."""
     from flint import arb, arb_mat, ctx
 
-    size, growth = len(F), row_norm(F) * step * steps
-    if not 0 < step * row_norm(F) < LONGEST or not 0 < steps <= MOST_STEPS or growth > MOST_GROWTH:
+    size = len(F)
+    if not 0 < step * row_norm(F) < LONGEST or not 0 < steps <= MOST_STEPS:
+        return None
+    if row_norm(F) * step * steps > MOST_GROWTH:
         return None
     blocks = [exact.identity(size), *inputs]
     ends = [sum(len(B[0]) for B in blocks[:k]) for k in range(len(blocks) + 1)]
@@ -47,7 +58,7 @@ def peak_gains(
         table = [[abs(x) for x in row] for row in rows.tolist()]
         return [[sum(row[a:b], arb(0)) for a, b in pairwise(ends)] for row in table]
 
-    with FLINT, ctx.workprec(192 + 2 * int(growth)):
+    with FLINT, ctx.workprec(192 + 2 * _error_growth(F, step, steps)):
         h, G = arb(to_fmpq(step)), arb_mat([[arb(to_fmpq(x)) for x in row] for row in C])
         phi = arb_mat([[arb(to_fmpq(x * step)) for x in row] for row in F]).exp()
         Z = arb_mat([[arb(to_fmpq(x)) for B in blocks for x in B[i]] for i in range(size)])
@@ -63,14 +74,21 @@ def peak_gains(
                 Z = phi * Z
         bend = h**3 / 12 * arb(to_fmpq(row_norm(F) * step)).exp()
         curved = [sum(map(abs, row), Fraction(0)) for row in exact.multiply(C, exact.multiply(F, F))]
-        found = [arb(0)] * len(blocks)
+        if not norms[0] < 1:
+            return None
+        found: list[tuple[Fraction, ...]] = []
         for row, most in zip(total, curved, strict=True):
             bounds = [x + bend * arb(to_fmpq(most)) * y for x, y in zip(row, mass, strict=True)]
-            if not norms[0] < 1:
-                return None
             whole = bounds[0] / (1 - norms[0])
-            found = [_largest((best, x + whole * y)) for best, x, y in zip(found, bounds, norms, strict=True)]
-        return tuple(_ends(x)[1] for x in found)
+            found.append(tuple(_ends(x + whole * y)[1] for x, y in zip(bounds, norms, strict=True)))
+        return tuple(found)
+
+
+def _error_growth(F: Matrix, step: Fraction, steps: int) -> int:
+    """About how much rounding errors grow, as a power of e: |exp(F h)| <= |I + F h| + (|F| h)^2 for |F| h < 1."""
+    euler = [[(i == j) + float(x * step) for j, x in enumerate(row)] for i, row in enumerate(F)]
+    norm = max(sum(map(abs, row)) for row in euler) + float(row_norm(F) * step) ** 2
+    return math.ceil(steps * max(0.0, math.log(norm)))
 
 
 def _largest(values: Sequence[Any]) -> Any:

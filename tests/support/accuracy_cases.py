@@ -61,6 +61,11 @@ MIXED = {"coupling": ["y1 + 5*y2", "y2"], "gains": 1, "target": [0, 0], "uncerta
 SLANTED = MIXED | {"coupling": ["y1 + y2/10", "y2"]}
 SLOPES = [{"coupling": 0, "gains": [[["1", "1"], ["1/10", "1/10"]], [["0", "0"], ["1", "1"]]]}]
 UNIT = [["1", "0"], ["0", "1"]]
+# Where agent 1 alone is pinned the integrals of the responses of agent 2 are 1 + 5 + 1 + 20 exp(-2) in its first
+# component, whose response to w_12 is 5 (t - t^2/2) exp(-t), and 1 + 1 in the second: 0.97067 and 1/5, a little more in
+# steps.
+PULLED = MIXED | {"gains": {1: 1}}
+WHOLE = {"1": ["0.1003", "0.1003"], "2": ["0.973", "0.2005"]}
 # The peak gains of the paper's observer are 1.33276, 0.70728 and 7.62999, a little more in these steps: 0.48227 acts,
 # and 2 level has to be as large.
 HARMONIC = peaks("1.3389", "0.7098", "7.6441", steps=150)
@@ -78,18 +83,27 @@ PART = {"P": [["1"]], "beta": "2", "kappa": "3/5", "size": "1"} | peaks("1.0019"
 BOTH = accuracy(box(1, 0.1), ["0.225", "0.675"], stage("1", "3", level="0.225", alpha="1/25", rho="1.06"), **PART)
 
 
+def followed(bounds: Document, *, step: str = "1/100", steps: int, **exact: Any) -> Document:
+    """The form of a claim for linear loops in one mode."""
+    response = {"step": step, "steps": steps}
+    return claim("accuracy", GLOBAL, None, {"bounds": bounds, "response": response} | exact)
+
+
 @cache
 def _frame(problem: Problem) -> tuple[str, str]:
     """The problem file, and what is claimed of the consensus."""
     return canonical_bytes(problem).decode(), certificate_bytes(consensus_claims(problem)).decode()
 
 
-def bent(problem: Problem, claimed: Document, name: str, *changes: Change, code: int = FAILS) -> Case:
-    """The certificate with this claim, after ``changes`` of it and of the document of the problem."""
+def bent(
+    problem: Problem, claimed: Document, name: str, *changes: Change, code: int = FAILS, answers: bool = True
+) -> Case:
+    """The certificate with this claim, after ``changes`` of it and of the document of the problem; ``answers``: it
+    carries the verdict."""
     document, claims = (json.loads(text) for text in _frame(problem))
     check = json.loads(json.dumps(claimed))
     claims["checks"] = [*(each for each in claims["checks"] if each["id"] != "accuracy"), check]
-    if problem.region is None or check["domain"] == GLOBAL:  # what is asked: the verdict follows from it
+    if answers and (problem.region is None or check["domain"] == GLOBAL):  # what is asked: the verdict follows from it
         claims |= {"verdict": "proved", "rate": None, "covered_by": "accuracy"}
     for change in changes:
         change(check, document)
@@ -133,6 +147,45 @@ def _at(level: str) -> list[Change]:
     return [put(level, "exact", "stages", 0, "level"), put(bounds, "exact", "bounds")]
 
 
+def whole_loops() -> list[Case]:
+    """Claims by the response of a whole loop."""
+    mixed = two(**PULLED), followed(WHOLE, steps=1200)
+    # e' = -3 e + w + C eps, on which 0.1 (1 + 1.0019) + 0.05 0.501 = 0.22524 acts: 0.07508.
+    inputs = {"disturbance": "1/10", "drift": "1/20"}
+    watched = one(coupling="y", uncertainty=inputs, **WATCHED), followed({"1": ["0.0751"]}, steps=600, **HELD)
+    # e' = 2 (w - e).
+    twice = one(**TWICE), followed({"1": ["0.1001"]}, steps=800)
+    modes = {"A": [[2, 1]], "B": [[2, 1, 2]]}
+    switching = Network.from_arcs(modes, arrow="listens_to", agents=2)
+    double = one(network=switching, coupling="y", gains=1, uncertainty={"disturbance": "1/10"})
+    idle = one(coupling="y", uncertainty={"drift": "1/10"})
+    eleven = Network.from_arcs([], arrow="listens_to", agents=11)
+    alone = one(network=eleven, coupling="y", gains=3, uncertainty={"disturbance": "1/10"})
+    followed_long = followed({str(k + 1): ["1"] for k in range(11)}, steps=20_000)
+    good = {"mixed": mixed, "watched": watched, "twice": twice}
+    return [
+        *(bent(*each, f"response: {name}", code=HOLDS) for name, each in good.items()),
+        bent(*mixed, "response: a bound", put("0.9728", "exact", "bounds", "2", 0)),
+        bent(*mixed, "response: a bound of agent 1", put("0.1002", "exact", "bounds", "1", 1)),
+        bent(*watched, "response: a bound with an observer", put("0.075", "exact", "bounds", "1", 0)),
+        bent(*watched, "response: a peak gain", scaled("0.999", "exact", "peaks", "disturbance")),
+        bent(*twice, "response: half of B", put("0.0999", "exact", "bounds", "1", 0)),
+        bent(*mixed, "response: one step", put(1, "exact", "response", "steps")),
+        bent(*mixed, "response: long steps", put("1/20", "exact", "response", "step")),
+        bent(*mixed, "response: a stranger", put(["1", "1"], "exact", "bounds", "3")),
+        bent(*mixed, "response: one component", put(["1"], "exact", "bounds", "1")),
+        bent(*mixed, "response: stages beside", put([], "exact", "stages")),
+        bent(*mixed, "response: somewhere", put("consensus", "domain")),
+        bent(idle, followed({"1": ["0"]}, steps=800), "response: nothing acts", answers=False),
+        bent(*mixed, "response: rate", put(0.1, "rate")),
+        bent(two(**PULLED | {"coupling": ["tanh(y1)", "y2"]}), mixed[1], "response: a curved coupling"),
+        bent(double, followed({"1": ["0.101"], "2": ["0.101"]}, steps=1200), "response: two modes"),
+        *(bent(*mixed, f"response: {x}", put("1/100", "uncertainty", x, of="problem")) for x in RELATIVE),
+        bent(*mixed, "response: noise", put("1/100", "uncertainty", "measurement", of="problem")),
+        bent(alone, followed_long, "response: steps that take long"),
+    ]
+
+
 @cache
 def accuracy_cases() -> list[Case]:
     """All of them, the good ones first."""
@@ -155,6 +208,7 @@ def accuracy_cases() -> list[Case]:
     unsure = {"disturbance": "1/10", "weights": "1/10", "known_to_agents": False}
     unknown = two(coupling="y", gains=3, uncertainty=unsure, **WATCHED), UNKNOWN
     return [
+        *whole_loops(),
         *(bent(*each, f"good with errors {k}", code=HOLDS) for k, each in enumerate((switching, unknown))),
         *(bent(*each, f"good {k}", code=HOLDS) for k, each in enumerate((lone, curved, seen, both, steep, turned))),
         bent(*seen, "loose", *loose, code=HOLDS),

@@ -20,6 +20,9 @@ kappa beta min v > 1 for the part of V that is the observer's: when V = N + kapp
 
 In coordinates z_i = T e_i (``separable.coordinates``; agents with dynamics, couplings of vectors) b = omega (1 + peak
 of W) + gamma (peak of I) acts through B: |T B| b is added to the rows, which are linear in s for gains of the stage.
+
+A linear loop in one mode, e' = M e + (I (x) B)(w + C eps) with M = J - K, needs neither stages nor coordinates: e_ic
+ends below b times the integral of row (i, c) of |exp(M t) (I (x) B)|, its peak gain, which some w attains without eps.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from functools import cache, partial
 from typing import Any, Final
 
 from dobc_design.conditions.check import Check, Domain, read_domain, read_object, undecided_check
+from dobc_design.conditions.consensus.claim import jacobians_at_consensus, linearisation
 from dobc_design.conditions.numbers import form_from_json, read_rational, rounded_up, vector_from_json, vector_to_json
 from dobc_design.conditions.observer.decide import error_matrix
 from dobc_design.conditions.quadratic.sectors import GainRange, ranges_from_json, ranges_to_json
@@ -58,9 +62,9 @@ from dobc_design.conditions.separable.decide import (
 from dobc_design.coupling.enclosures import Profile, jet, secant_range
 from dobc_design.coupling.tree import ZERO
 from dobc_design.exact.interval import Interval, UndefinedError
-from dobc_design.exact.matrix import Matrix, Vector, multiply
+from dobc_design.exact.matrix import Matrix, Vector, identity, kronecker, multiply
 from dobc_design.exact.number import number_text
-from dobc_design.exact.peaks import peak_gains, row_norm
+from dobc_design.exact.peaks import MOST_STEPS, peak_gains, peak_gains_by_row, row_norm
 from dobc_design.exact.symmetric import Doubles, least
 from dobc_design.problem.canonical import matrix_text
 from dobc_design.problem.groups import gains_of
@@ -110,15 +114,34 @@ class Peaks:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Response:
+    """Steps in which the response of a linear loop is followed: ``steps`` of ``step`` (s)."""
+
+    step: Fraction
+    steps: int
+
+    def to_json(self) -> dict[str, Any]:
+        """The exact values."""
+        return {"step": number_text(self.step), "steps": self.steps}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Accuracy:
-    """Stages from the outside inwards, and ``bounds``: label -> final bound of |e_i|, in coordinates z = T e one for
-    each component of e_i.  ``peaks``: with an exosystem; ``error``: with one, where the couplings are not linear."""
+    """Stages from the outside inwards, or the ``response`` of a linear loop and no stage, and ``bounds``: label ->
+    final bound of |e_i|, in coordinates z = T e and with a response one for each component of e_i.  ``peaks``: with an
+    exosystem; ``error``: with one, where the couplings are not linear."""
 
     stages: tuple[Level, ...]
     bounds: Mapping[str, Fraction | Vector]
     peaks: Peaks | None = None
     error: ErrorBound | None = None
     T: Matrix | None = None
+    response: Response | None = None
+
+    @property
+    def by_component(self) -> bool:
+        """Whether every component of e_i has a bound of its own."""
+        return self.T is not None or self.response is not None
 
     @property
     def listed(self) -> dict[str, Vector]:
@@ -138,9 +161,13 @@ class Accuracy:
 
     def to_json(self) -> dict[str, Any]:
         """The exact values of a proved check."""
-        values: dict[str, Any] = {"stages": [stage.to_json() for stage in self.stages]}
+        values: dict[str, Any] = {}
+        if self.response is None:
+            values["stages"] = [stage.to_json() for stage in self.stages]
+        else:
+            values["response"] = self.response.to_json()
         texts = {label: [number_text(x) for x in each] for label, each in self.listed.items()}
-        values["bounds"] = {label: each[0] for label, each in texts.items()} if self.T is None else texts
+        values["bounds"] = {label: each[0] for label, each in texts.items()} if not self.by_component else texts
         if self.T is not None:
             values["T"] = matrix_text(self.T)
         if self.peaks is not None:
@@ -151,27 +178,40 @@ class Accuracy:
 def read_claim(check: Check, problem: Problem, W: Matrix | None) -> Accuracy:
     """What a proved check of this topic claims, for this problem."""
     curved = bool(problem.groups) and not problem.is_linear
-    turned = check.exact is not None and "T" in check.exact
-    names = ("stages", "bounds", *(("peaks",) if problem.groups else ()), *(OBSERVED if curved else ()))
-    values = read_object(check.exact, (*names, "T") if turned else names)
-    if not isinstance(values["stages"], list) or not 1 <= len(values["stages"]) <= MOST_STAGES:
-        raise ValueError(f"it needs between 1 and {MOST_STAGES} stages")
-    stages = tuple(_read_level(each, problem, turned) for each in values["stages"])
+    given = check.exact or {}
+    turned, linear = "T" in given, "response" in given
+    observed = ("peaks",) if problem.groups else ()
+    if linear:
+        values = read_object(check.exact, ("response", "bounds", *observed))
+    else:
+        names = ("stages", "bounds", *observed, *(OBSERVED if curved else ()))
+        values = read_object(check.exact, (*names, "T") if turned else names)
     bounds = read_object(values["bounds"], problem.network.labels)
+    entries = problem.m if turned or linear else None
+    read = {label: _read_bounds(bounds[label], entries) for label in problem.network.labels}
     peaks = None
     if problem.groups:
-        found = read_object(values["peaks"], ("disturbance", "drift", "measurement", "step", "steps"))
-        if type(found["steps"]) is not int:
-            raise TypeError("steps must be an integer")
-        numbers = {name: read_rational(found[name]) for name in found if name != "steps"}
-        peaks = Peaks(**numbers, steps=found["steps"])
+        peaks = Peaks(**_read_steps(values["peaks"], ("disturbance", "drift", "measurement", "step")))
+    if linear:
+        response = Response(**_read_steps(values["response"], ("step",)))
+        return Accuracy(stages=(), bounds=read, peaks=peaks, response=response)
+    if not isinstance(values["stages"], list) or not 1 <= len(values["stages"]) <= MOST_STAGES:
+        raise ValueError(f"it needs between 1 and {MOST_STAGES} stages")
     return Accuracy(
-        stages=stages,
-        bounds={label: _read_bounds(bounds[label], problem.m if turned else None) for label in problem.network.labels},
+        stages=tuple(_read_level(each, problem, turned) for each in values["stages"]),
+        bounds=read,
         peaks=peaks,
         error=error_from_json(values, problem) if curved else None,
         T=form_from_json(values["T"]) if turned else None,
     )
+
+
+def _read_steps(data: Any, names: tuple[str, ...]) -> dict[str, Any]:
+    """Rationals by these names, and ``steps``."""
+    found = read_object(data, (*names, "steps"))
+    if type(found["steps"]) is not int:
+        raise TypeError("steps must be an integer")
+    return {name: read_rational(found[name]) for name in names} | {"steps": found["steps"]}
 
 
 def _read_bounds(data: Any, m: int | None) -> Fraction | Vector:
@@ -199,6 +239,8 @@ def _read_level(data: object, problem: Problem, turned: bool) -> Level:
 
 ID: Final = "accuracy"
 MOST_AGENTS: Final = 500
+MOST_ROWS: Final = 60  # n m of a loop whose response is followed
+MOST_PRODUCTS: Final = 20_000_000  # of numbers, along all steps of a response
 INPUTS: Final = ("disturbance", "drift", "measurement")
 _SHOWN: Final = 6  # bounds told in the reason
 
@@ -220,6 +262,49 @@ def obstacle(problem: Problem, W: Matrix | None, *, turned: bool = False) -> str
     return not_applicable(problem, W, turned=turned)
 
 
+def response_obstacle(problem: Problem) -> str | None:
+    """Why the response of the whole loop bounds nothing here; None if it may."""
+    plant, (mode, *others) = problem.uncertainty or Uncertainty(), problem.network.modes
+    if not problem.is_linear or others or problem.network.modes[mode].optional:
+        return "the response of the whole loop is followed for linear couplings in one mode without optional arcs only."
+    if plant.measurement or plant.weights or plant.gains:
+        return "noise and errors of weights and gains are not known where the response of the whole loop is followed."
+    if problem.n * problem.m > MOST_ROWS:
+        return f"the response of the whole loop is followed for at most {MOST_ROWS} states of agents."
+    return None
+
+
+def loop_matrix(problem: Problem) -> Matrix | None:
+    """M = J - K of a linear loop in one mode; None where a slope is not rational."""
+    (jacobian,) = jacobians_at_consensus(problem).modes
+    if not jacobian.is_point:
+        return None
+    entries, size = linearisation(jacobian, problem.pinning, problem.m), range(problem.n * problem.m)
+    return tuple(tuple(entries.get((a, b), Fraction(0)) for b in size) for a in size)
+
+
+def most_steps(problem: Problem) -> int:
+    """Steps in which a response may be followed."""
+    size, own = problem.n * problem.m, dynamics_of(problem)
+    columns = size + (0 if own is None else problem.n * own.inputs)
+    return min(MOST_STEPS, MOST_PRODUCTS // (size**2 * columns))
+
+
+def response_bounds(problem: Problem, peaks: Peaks | None, response: Response) -> dict[str, Vector] | None:
+    """Label -> what is left of every |e_ic|: b times the peak gains of a linear loop in one mode; None where they are
+    not shown with these steps."""
+    M, own = loop_matrix(problem), dynamics_of(problem)
+    if M is None or response.steps > most_steps(problem):
+        return None
+    inputs = [] if own is None else [kronecker(identity(problem.n), own.B)]
+    found = peak_gains_by_row(M, identity(len(M)), inputs, step=response.step, steps=response.steps)
+    if found is None:
+        return None
+    b, m = input_of(problem, peaks), problem.m
+    ends = [b * row[-1] for row in found]
+    return {label: tuple(ends[i * m : (i + 1) * m]) for i, label in enumerate(problem.network.labels)}
+
+
 def observer_peaks(problem: Problem, W: Matrix, *, step: Fraction, steps: int) -> Peaks | None:
     """The peak gains, the worst of all groups, for the gain W (q, m); None where they are not shown."""
     worst, own = dict.fromkeys(INPUTS, Fraction(0)), dynamics_of(problem)
@@ -237,10 +322,15 @@ def observer_peaks(problem: Problem, W: Matrix, *, step: Fraction, steps: int) -
     return Peaks(**worst, step=step, steps=steps)
 
 
+def input_of(problem: Problem, peaks: Peaks | None) -> Fraction:
+    """b = omega (1 + peak of W) + gamma (peak of I): what acts on the inputs of every agent in the end."""
+    plant = problem.uncertainty or Uncertainty()
+    return plant.disturbance + (plant.disturbance * peaks.disturbance + plant.drift * peaks.drift if peaks else 0)
+
+
 def load_in_coordinates(problem: Problem, peaks: Peaks | None, T: Matrix) -> Vector:
     """|T B| b by agent and component of z, (n m,): what acts on every agent."""
-    plant, own = problem.uncertainty or Uncertainty(), dynamics_of(problem)
-    b = plant.disturbance + (plant.disturbance * peaks.disturbance + plant.drift * peaks.drift if peaks else 0)
+    own, b = dynamics_of(problem), input_of(problem, peaks)
     return tuple(b * sum(map(abs, row)) for row in (T if own is None else multiply(T, own.B))) * problem.n
 
 
@@ -363,20 +453,20 @@ def _told(problem: Problem, claim: Accuracy, domain: Domain) -> str:
         starts += f" and |eps_i| <= {domain['disturbance']:.6g}" if problem.groups else ""
     inputs = ", ".join(f"{name} {float(x):.6g}" for name in INPUTS if (x := getattr(problem.uncertainty, name)))
     listed = ", ".join(told).replace(", ..., ", " ... ")
-    each = "|e_i|" if claim.T is None else "the components of |e_i|"
+    each = "|e_i|" if not claim.by_component else "the components of |e_i|"
     return f"{starts} ends with {each} <= {listed}, whatever acts within the bounds of [uncertainty]: {inputs}."
 
 
 def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) -> str | None:
     """None if everything that a proved check of this topic claims is confirmed, else what is not."""
     claim = check.claim if isinstance(check.claim, Accuracy) else read_claim(check, problem, W)
-    if (reason := obstacle(problem, W, turned=claim.T is not None)) is not None:
+    if (reason := obstacle(problem, W, turned=claim.by_component)) is not None:
         return reason
     if check.verdict is not Verdict.PROVED or check.witness is not None or check.rate is not None:
         return "it can only be proved or undecided, and has no witness and no rate"
     if problem.uncertainty is None:
         return "the problem has no [uncertainty]"
-    if not 1 <= len(claim.stages) <= MOST_STAGES:
+    if claim.response is None and not 1 <= len(claim.stages) <= MOST_STAGES:
         return f"it needs between 1 and {MOST_STAGES} stages"
     if claim.peaks is not None and W is not None:
         own = observer_peaks(problem, W, step=claim.peaks.step, steps=claim.peaks.steps)
@@ -385,6 +475,8 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
         for name in INPUTS:
             if getattr(own, name) > getattr(claim.peaks, name):
                 return f"the peak gain of {name} is not shown to be at most {float(getattr(claim.peaks, name)):.6g}."
+    if claim.response is not None:
+        return _wrong_response(check, problem, claim, claim.response, domain)
     if (wrong := _wrong_starts(check, problem, W, claim, domain)) is not None:
         return wrong
     for before, stage in zip(claim.stages, claim.stages[1:], strict=False):
@@ -398,6 +490,26 @@ def confirm(check: Check, problem: Problem, W: Matrix | None, *, domain: str) ->
     load, each = load_in_coordinates(problem, claim.peaks, claim.T), ((x, claim.in_stage(x)) for x in claim.stages)
     found = (rows_obstacle(problem, own, load=tuple(b / stage.level for b in load)) for stage, own in each)
     return next((why for why in found if why is not None), None)
+
+
+def _wrong_response(check: Check, problem: Problem, claim: Accuracy, response: Response, domain: str) -> str | None:
+    """None if a linear loop is shown to pass on no more than the bounds."""
+    if claim.stages or claim.T is not None or claim.error is not None:
+        return "beside a response there are no stages and no coordinates."
+    if problem.groups and claim.peaks is None:
+        return "with an [exosystem] it needs peaks."
+    if not check.domain == "global" == domain:
+        return "the bounds of a response are global."
+    if (reason := response_obstacle(problem)) is not None:
+        return reason
+    if not input_of(problem, claim.peaks) > 0:
+        return "nothing acts on the loop."
+    found = response_bounds(problem, claim.peaks, response)
+    if found is None:
+        return "the response of the loop is not shown to decay in these steps."
+    pairs = ((label, zip(claim.listed[label], ends, strict=True)) for label, ends in found.items())
+    low = next((label for label, each in pairs if any(bound < end for bound, end in each)), None)
+    return None if low is None else f"a bound of agent {low} is below what the response of the loop reaches."
 
 
 def _wrong_starts(check: Check, problem: Problem, W: Matrix | None, claim: Accuracy, domain: str) -> str | None:

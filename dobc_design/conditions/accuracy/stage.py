@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from itertools import chain, islice
 from typing import Any, Final
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 
 from dobc_design.conditions.accuracy.decide import (
     ID,
@@ -19,12 +19,17 @@ from dobc_design.conditions.accuracy.decide import (
     Accuracy,
     Level,
     Peaks,
+    Response,
     accuracy_check,
     load_in_coordinates,
     loads,
+    loop_matrix,
+    most_steps,
     not_shrinking,
     observer_peaks,
     obstacle,
+    response_bounds,
+    response_obstacle,
 )
 from dobc_design.conditions.check import Check, Domain, limited, starts_in, surviving, undecided_check
 from dobc_design.conditions.coverage import Progress, read_region
@@ -47,7 +52,7 @@ from dobc_design.coupling.expression import numpy_function
 from dobc_design.exact.interval import UndefinedError
 from dobc_design.exact.matrix import Matrix, Vector, identity, to_float
 from dobc_design.exact.number import root_above
-from dobc_design.exact.peaks import MOST_STEPS
+from dobc_design.exact.peaks import MOST_GROWTH, MOST_STEPS, row_norm
 from dobc_design.exact.work import STAGE, WorkLimitError, at_most, out_of_time
 from dobc_design.problem.arrays import coupling_places
 from dobc_design.problem.groups import gains_of
@@ -57,6 +62,8 @@ from dobc_design.verdict import Verdict
 
 DECAYED: Final = 12.0  # exponents of the slowest mode that the steps follow
 FINEST, COARSEST = 0.012, 0.3  # of |F| h
+LEFT: Final = 1e-4  # of the response of a whole loop, after the steps that follow it
+FINE, COARSE = 0.08, 0.4  # of |M| h
 #: How much more than b_i v is made for, where it has to reach further out.
 SPREADS: Final = (1.0, 1.1, 1.2, 1.4, 1.7, 2.2, 3.0, 5.0, 8.0, 20.0, 60.0, 200.0)
 ABOVE: Final = Fraction(1, 50_000)  # of a level, left to two programs that round apart
@@ -270,7 +277,8 @@ def accuracy_stage(
             reason = "the peak gains of the observer are not bounded: its error does not decay, or too slowly."
             return [undecided_check(ID, domain, reason)]
         claims = _turned if turned else _claims
-        first = next(claims(problem, W, peaks, checks, domain), None)
+        found = chain(claims(problem, W, peaks, checks, domain), _of_response(problem, W, peaks, domain))
+        first = next(found, None)
     if first is None:
         return [undecided_check(ID, domain, _not_found(problem))]
     return [first]
@@ -337,6 +345,53 @@ def _turned(
             stages = tuple(islice(inwards, MOST_STAGES))
             claim = Accuracy(stages=stages, bounds={}, peaks=peaks, error=base.error, T=T)
             yield from _proved(problem, W, claim, starts_in("box", radius, disturbance), domain)
+
+
+def _of_response(problem: Problem, W: Matrix | None, peaks: Peaks | None, domain: str) -> Iterator[Check]:
+    """The bounds of a linear loop in one mode by its peak gains, which need no coordinates, if they are proved."""
+    if response_obstacle(problem) is not None or out_of_time() is not None:
+        return
+    response = _followed(problem)
+    ends = None if response is None else response_bounds(problem, peaks, response)
+    if ends is not None:
+        bounds = {label: _raised(x * (1 + MORE) for x in each) for label, each in ends.items()}
+        claim = Accuracy(stages=(), bounds=bounds, peaks=peaks, response=response)
+        check = limited(ID, domain, lambda: accuracy_check(problem, W, claim, domain="global", local=domain))
+        if check.verdict is Verdict.PROVED:
+            yield check
+
+
+def _followed(problem: Problem) -> Response | None:
+    """Steps that follow a linear loop until little of its response is left; None where it does not decay, or slowly."""
+    M = loop_matrix(problem)
+    if M is None:
+        return None
+    size, most = float(row_norm(M)), most_steps(problem)
+    horizon = _decayed(to_float(M), size) if 0 < size < math.inf else None
+    if horizon is None:
+        return None
+    h = rounded_up(Fraction(min(max(FINE / size, horizon / most), COARSE / size)), digits=3)
+    return Response(step=h, steps=min(most, math.ceil(horizon / float(h))))
+
+
+def _decayed(M: Array, size: float) -> float | None:
+    """A time after which |exp(M t)| is small, about the first one, |M| = ``size``; None where that takes too long."""
+
+    def norm(matrix: Array) -> float:
+        return float(np.max(np.sum(np.abs(matrix), axis=1)))
+
+    time, power = 1 / size, linalg.expm(M / size)
+    with np.errstate(all="ignore"):
+        while not norm(power) <= LEFT:
+            if time * size > MOST_GROWTH:
+                return None
+            time, power = 2 * time, power @ power
+    sooner = (part * time for part in (0.625, 0.75, 0.875))
+    return next((t for t in sooner if norm(linalg.expm(M * t)) <= LEFT), time)
+
+
+def _raised(values: Iterable[Fraction]) -> Vector:
+    return tuple(rounded_up(x, digits=DIGITS) for x in values)
 
 
 def _separable(problem: Problem, W: Matrix | None, checks: Sequence[Check], domain: str) -> Check:
@@ -489,7 +544,7 @@ def _proved(
     if claim.stages:
         labels = problem.network.labels
         ends = zip(labels, claim.ends, strict=True)
-        bounds = {label: tuple(rounded_up(x, digits=DIGITS) for x in each) for label, each in ends}
+        bounds = {label: _raised(each) for label, each in ends}
         whole = replace(claim, bounds=bounds if claim.T is not None else {x: each[0] for x, each in bounds.items()})
         check = limited(ID, local, lambda: accuracy_check(problem, W, whole, domain=starts, local=local))
         if check.verdict is Verdict.PROVED:

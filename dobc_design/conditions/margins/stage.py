@@ -345,7 +345,7 @@ def _boxes_of_their_own(asked: Asked, base: Separable | None, final: Check | Non
     domain: Domain = starts_in("box", asked.radius, asked.disturbance)
     if final is not None and isinstance(final.claim, Accuracy):
         peaks, error, domain = final.claim.peaks, final.claim.error or error, final.domain
-        levels.append((final.claim.stages[0], error))
+        levels += [(stage, error) for stage in final.claim.stages[:1]]
     elif decide.blind(problem):
         return
     exosystem = problem.joint_exosystem

@@ -3,13 +3,14 @@
 import json
 from dataclasses import replace
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import groups_cases as groups
 import numpy as np
 import pytest
 from disturbed import exact_gain, final_errors, linear_problem, responses, second_order
+from scipy import integrate, linalg
 from separable_problems import listening
 
 from dobc_design import Exosystem, Observer, Problem, Verdict, load_problem
@@ -17,13 +18,14 @@ from dobc_design.certificate.text import certificate_bytes
 from dobc_design.certification.certify import certify as certified
 from dobc_design.certification.recheck import recheck
 from dobc_design.checker.examine import examine
-from dobc_design.conditions.accuracy import stage
+from dobc_design.conditions.accuracy import decide, stage
 from dobc_design.conditions.accuracy.decide import Accuracy, confirm
 from dobc_design.conditions.check import Check, Values
 from dobc_design.exact.matrix import matrix, multiply
 from dobc_design.exact.peaks import peak_gains
 from dobc_design.problem.canonical import canonical_bytes
 from dobc_design.problem.dynamics import Dynamics
+from dobc_design.problem.integrators import as_integrators
 from dobc_design.problem.load import read_problem_text
 
 certify = cache(certified)
@@ -43,6 +45,8 @@ def coarse_steps(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
     as_it_is = request.node.get_closest_marker("slow") or "the_known_bounds" in request.node.name
     if not as_it_is:
         monkeypatch.setattr(stage, "FINEST", 0.03)
+        monkeypatch.setattr(stage, "FINE", 0.25)
+        monkeypatch.setattr(stage, "LEFT", 2e-3)
 
 
 def row(problem: Problem) -> Check:
@@ -279,9 +283,13 @@ disturbance = "9/25"
 """
 
 
+SOMETIMES = MIXED.replace("A = [[1, 2, 1],", "A.optional = [[1, 2, 1]]\nA.arcs = [")
+
+
 def test_a_stable_linear_loop_is_never_told_that_its_disturbance_is_too_large():
-    """No coordinates make its rows dominant, whatever the disturbance is."""
-    certificate = certify(read_problem_text(MIXED.encode(), folder=None))
+    """No coordinates make its rows dominant, whatever the disturbance is, and with an optional arc no response of the
+    whole loop is followed."""
+    certificate = certify(read_problem_text(SOMETIMES.encode(), folder=None))
     accuracy = next(check for check in certificate.checks if check.id == "accuracy")
     assert accuracy.verdict is Verdict.UNDECIDED
     for reason in (accuracy.reason, certificate.reason):
@@ -336,3 +344,110 @@ def test_boxes_inside_are_found_where_a_newton_step_overshoots():
         uncertainty=inputs,
     )
     assert max(bounds(problem)) < 0.13
+
+
+def shown_bounds(problem: Problem, *, steps: int, step: str = "1/200") -> np.ndarray:
+    """What the response of a whole loop shows, by agent and component."""
+    found = decide.response_bounds(problem, None, decide.Response(step=Fraction(step), steps=steps))
+    assert found is not None
+    return np.array([[float(x) for x in found[label]] for label in problem.network.labels])
+
+
+@pytest.mark.parametrize("k", [1, 4])
+def test_the_response_of_one_agent_is_its_static_gain(k: int):
+    """e' = -k e + w ends at omega / k."""
+    problem = linear_problem(1, {"a": []}, {"1": k}).replace(uncertainty=OMEGA)
+    ((bound,),) = shown_bounds(problem, steps=4000)
+    assert 0.1 / k <= bound <= 0.1 / k * 1.0001
+
+
+def test_the_response_of_two_states_is_that_of_quadrature():
+    """e' = [[-1, 5], [0, -2]] e + w, with kernels exp(-t), 5 (exp(-t) - exp(-2 t)) and exp(-2 t)."""
+    agents = Dynamics(A=[[0, 5], [0, -1]])
+    problem = linear_problem(1, {"a": []}, {"1": 1}, target=[0, 0], dynamics=agents).replace(uncertainty=OMEGA)
+    M, kernel = np.array([[-1.0, 5.0], [0.0, -2.0]]), partial(np.sum, axis=1)
+    exact = 0.1 * integrate.quad_vec(lambda t: kernel(np.abs(linalg.expm(M * t))), 0, 40)[0]
+    assert exact == pytest.approx([0.35, 0.05])
+    (found,) = shown_bounds(as_integrators(problem), steps=4000)
+    assert np.all((exact <= found) & (found <= exact * 1.001))
+
+
+def mixed_loop() -> np.ndarray:
+    """M of MIXED, written out from its text."""
+    usual, other = np.array([[1.35, -0.35], [0.45, 1.85]]), np.array([[1.9, 0.15], [-0.4, 1.25]])
+    arcs = [(1, 2, 1, usual), (2, 4, 1, other), (3, 1, 1, usual), (3, 4, 1, usual), (4, 1, 0.55, usual)]
+    M = np.zeros((4, 2, 4, 2))
+    M[0, :, 0] = -np.array([[2.7, -0.05], [0.25, 1.25]])
+    for i, j, w, H in [*arcs, (4, 3, 1.25, usual)]:
+        M[i - 1, :, j - 1] += w * H
+        M[i - 1, :, i - 1] -= w * H
+    return M.reshape(8, 8)
+
+
+def test_where_no_coordinates_are_found_the_response_gives_bounds_that_are_reached():
+    """Inputs that are bang-bang along the response come within a few percent of every bound, and never above it."""
+    problem = read_problem_text(MIXED.encode(), folder=None)
+    check = row(problem)
+    assert check.verdict is certify(problem).verdict is Verdict.PROVED
+    assert isinstance(check.claim, Accuracy)
+    assert check.domain == "global"
+    assert (check.claim.stages, check.claim.T) == ((), None)
+    ends = np.array([float(x) for label in "1234" for x in check.claim.bounds[label]])
+    step, M = 0.05, mixed_loop()
+    phi, kick = linalg.expm(M * step), np.linalg.solve(M, linalg.expm(M * step) - np.eye(8))
+    kernels = [kick]
+    for _ in range(600):
+        kernels.append(phi @ kernels[-1])
+    for place, end in enumerate(ends):
+        e = np.zeros(8)
+        for kernel in reversed(kernels):
+            e = phi @ e + kick @ (0.36 * np.sign(kernel[place]))
+        assert 0.97 * end < e[place] < end
+    assert both(problem, lambda exact: None) == (True, True)
+    assert both(problem, scaled(["bounds", "2", 1], "0.995")) == (False, False)
+    assert both(problem, scaled(["response", "step"], "0.1")) == (False, False)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SOMETIMES,
+        MIXED.replace("[coupling]", "B = [[1, 2, 1], [2, 4, 1], [3, 1, 1], [4, 1, 1]]\n[coupling]"),
+        MIXED + 'weights = "1/100"',
+        MIXED + 'measurement = "1/100"',
+        MIXED.replace('"(27/20)*y1 + (-7/20)*y2"', '"(27/20)*sin(y1) + (-7/20)*y2"'),
+    ],
+    ids=["optional arc", "two modes", "weights", "noise", "curved"],
+)
+def test_other_loops_than_linear_ones_in_one_mode_have_no_response(text: str):
+    assert decide.response_obstacle(read_problem_text(text.encode(), folder=None)) is not None
+    assert decide.response_obstacle(read_problem_text(MIXED.encode(), folder=None)) is None
+
+
+#: Of agents 2 and 3 one follows the other and is repelled by it in return: they swing, and no rows are dominant.
+SIGNED = """
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+A = [[2, 1, 1], [2, 3, 1], [3, 2, 3]]
+[coupling]
+h = "y"
+[[coupling.exceptions]]
+arcs = [[2, 3]]
+h = "-y/2"
+[pinning]
+gains = { 1 = 1 }
+[uncertainty]
+disturbance = "1/10"
+[actuators]
+limit = 100
+amplitude = 1
+"""
+
+
+def test_inputs_that_rest_on_bounds_without_stages_stay_undecided():
+    certificate = certify(read_problem_text(SIGNED.encode(), folder=None))
+    verdicts = {check.id: check.verdict for check in certificate.checks}
+    assert verdicts["accuracy"] is Verdict.PROVED
+    assert verdicts["actuators"] is certificate.verdict is Verdict.UNDECIDED

@@ -12,6 +12,7 @@ from mutants import mutate
 from region_cases import CUBIC, certificate, problems
 
 from dobc_design import Network, Observer, Problem, Region, certify
+from dobc_design.certificate.factors import with_factors
 from dobc_design.certificate.text import certificate_bytes
 from dobc_design.checker import examine as checker
 from dobc_design.checker import quadratic
@@ -65,7 +66,7 @@ def judged_alike(document: dict[str, Any], check: dict[str, Any], problem: Probl
         if not isinstance(changed, dict) or changed == check:
             continue
         checks = [changed if each is check else each for each in document["checks"]]
-        mutant = document | {"checks": checks, "rate": changed.get("rate")}
+        mutant = document | {"checks": checks, "rate": changed.get("rate"), "factor": changed.get("factor")}
         package, lone = accepted_by(mutant, problem)
         assert package is lone, (seed, changed)
         refused += not package
@@ -84,8 +85,9 @@ def test_what_one_program_refuses_the_other_refuses(s: Fraction | None, count: i
     problem = ring(3, coupling="exp(y) - 1 + y", gains=3, s=s)
     document = json.loads(certificate_bytes(certify(problem).claims))
     asked = read_region(problem, problem.observer.W, domain="consensus", everything=False)
-    check = json.loads(json.dumps(quadratic_stage(asked, lambda _: None)[0].to_json()))
+    found = with_factors(problem, tuple(quadratic_stage(asked, lambda _: None)[:1]), problem.observer.W)
+    check = json.loads(json.dumps(found[0].to_json()))
     regional = ("max-separable", "delay", "sampling", "lure", "tolerance")
     document["checks"] = [each for each in document["checks"] if each["id"] not in regional]
-    document |= {"verdict": "proved", "rate": check["rate"], "covered_by": "lure"}
+    document |= {"verdict": "proved", "rate": check["rate"], "factor": check["factor"], "covered_by": "lure"}
     judged_alike(document, check, problem, count=count)

@@ -68,9 +68,10 @@ class GainTable:
         """The cell of each y, up to the overlap."""
         return np.clip(((y + self.radius) / self.width).astype(np.int64), 0, len(self.low) - 1)
 
-    def is_beyond(self, y: Array) -> Any:
-        """Which of y the table does not reach, so that it says nothing there."""
-        return ~(np.abs(y) <= self.radius + self.width * float(_BEYOND / 2))
+    @property
+    def limit(self) -> float:
+        """How far out it says something."""
+        return self.radius + self.width * float(_BEYOND / 2)
 
     def at(self, y: Array) -> tuple[Array, Array]:
         """Lower and upper bounds of g at y, where y may be wrong in its last digits."""
@@ -78,29 +79,19 @@ class GainTable:
         beyond = y - ((cell + 0.5) * self.width - self.radius)
         falls, rises = self.falls[cell] * beyond, self.rises[cell] * beyond
         lower = down(self.low[cell] + down(np.minimum(falls, rises)))
-        upper = up(self.high[cell] + up(np.maximum(falls, rises)))
-        far = self.is_beyond(y)
-        if np.any(far):
-            return np.where(far, -np.inf, lower), np.where(far, np.inf, upper)
-        return lower, upper
+        return lower, up(self.high[cell] + up(np.maximum(falls, rises)))
 
     def over(self, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
         """Lower and upper bounds of g, then of g', between y and z."""
         first = self.cell(np.minimum(y, z))
         level, second = _span(first, self.cell(np.maximum(y, z)))
         least, most, falls, rises = self.ranges
-        found = (
+        return (
             np.minimum(least[level, first], least[level, second]),
             np.maximum(most[level, first], most[level, second]),
             np.minimum(falls[level, first], falls[level, second]),
             np.maximum(rises[level, first], rises[level, second]),
         )
-        far = self.is_beyond(y) | self.is_beyond(z)
-        if np.any(far):
-            lower = [np.where(far, -np.inf, found[k]) for k in (0, 2)]
-            upper = [np.where(far, np.inf, found[k]) for k in (1, 3)]
-            return lower[0], upper[0], lower[1], upper[1]
-        return found
 
 
 @lru_cache(maxsize=_KEPT)
@@ -465,7 +456,7 @@ def estimated_rate(arcs: ArcRows, kinds: Kinds, *, rho: Fraction) -> float:
 
 def open_within(arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: float, start: float = 0.0) -> Any:
     """Rows that are not proved to be at most their limits for s in [start, rho], after a subdivision of s."""
-    failed: list[Any] = []
+    failed: list[Any] = [_rows_beyond(arcs, face, kinds, rho)]
     waiting, count = [(start, rho, np.arange(len(limits)))], 0
     while waiting:
         s, t, agents = waiting.pop()
@@ -482,7 +473,19 @@ def open_within(arcs: ArcRows, limits: Array, face: int, kinds: Kinds, rho: floa
         agents = agents[~hopeless]
         if len(agents):
             waiting += [(s, middle, agents), (middle, t, agents)]
-    return np.unique(np.concatenate(failed)) if failed else np.zeros(0, dtype=np.int64)
+    return np.unique(np.concatenate(failed))
+
+
+def _rows_beyond(arcs: ArcRows, face: int, kinds: Kinds, rho: float) -> Any:
+    """The rows that look farther than their tables reach, which say nothing there."""
+    far = np.zeros(len(arcs.steps), dtype=bool)
+    for number, table in enumerate(kinds.tables):
+        mine = arcs.kinds == number
+        far[mine] = ~(rho * np.abs(arcs.steps[mine]) <= table.limit)
+        turns = kinds.turning.get((number, face))
+        if turns is not None:
+            far[mine] |= ~(rho * np.abs(arcs.reaches[mine]) <= turns.table.limit)
+    return np.unique(np.searchsorted(arcs.start, np.flatnonzero(far), side="right") - 1)
 
 
 class Piece:

@@ -328,17 +328,17 @@ def test_what_a_turning_coupling_gives_at_most_contains_samples(h: str):
         assert not low or np.all(most - largest <= 0.2 * (1 + np.abs(largest)))
 
 
-def test_a_table_says_nothing_beyond_its_radius():
-    """g(y) = 1 + y^2 is 10 at 3, where a table up to 2 would still say 5."""
-    table = gain_table(pair("y + y**3").coupling.components[0], F(2), cells=64)
-    near, far = np.array([table.radius]), np.array([table.radius, 3.0])
-    assert table.at(near)[0][0] <= 1 + table.radius**2 <= table.at(near)[1][0] < 6
-    lower, upper = table.at(far)
-    assert (lower[1], upper[1]) == (-np.inf, np.inf) and np.isfinite(upper[0])
-    for y, z in ((far, -near[[0, 0]]), (-near[[0, 0]], far)):
-        least, most, falls, rises = table.over(y, z)
-        assert (least[1], most[1], falls[1], rises[1]) == (-np.inf, np.inf, -np.inf, np.inf)
-        assert np.isfinite(most[0])
+def test_rows_that_look_beyond_their_tables_are_not_proved():
+    """Every row would hold with so much room, but beyond the end of its table a coupling may be anything."""
+    problem = pair("y - y**3/12")
+    v, rho = (F(1), F(2)), F(1)
+    arcs = arc_rows(problem, v)
+    profiles = tuple(profile(Curve(each.components[0]), F(9)) for each in problem.couplings)
+    near, wide = (float_kinds(profiles, arcs, rho=reach) for reach in (F(1, 8), rho))
+    assert near is not None and wide is not None
+    looked = open_rows(arcs, near, alpha=F(-1000), rho=rho)
+    assert {row for row, _ in looked} == set(np.flatnonzero(np.diff(arcs.start)).tolist()) != set()
+    assert open_rows(arcs, wide, alpha=F(-1000), rho=rho) == []
 
 
 def test_a_large_network_is_decided_by_floats_and_gives_the_rate_of_the_exact_rows():

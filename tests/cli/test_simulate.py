@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from certified import certified
+from problem_texts import RING
 from typer.main import get_command
 
-from dobc_design import load_problem, load_trajectory, simulate
+from dobc_design import load_trajectory, simulate
 from dobc_design.cli.main import app
 from dobc_design.plotting.look import Sheet
 
@@ -171,31 +171,6 @@ def test_agents_that_move_in_space_are_written_as_a_page(dobc, monkeypatch):
     assert dobc("flock.toml", "--runs", 2, "--t-final", 1, "--out", "many")[0] == 0
     assert not Path("many/network.html").exists()
     assert "5 to 95 %" in Path("many/simulation.svg").read_text("utf-8")
-
-
-RING = """\
-name = "ring"
-target = 1
-[network]
-agents = 3
-arrow = "listens_to"
-[network.modes]
-G = [[1, 2], [2, 3], [3, 1]]
-[coupling]
-h = "exp(y) - 1 + y"
-[pinning]
-gains = 3
-[region]
-initial_states = [0, 2]
-"""
-
-
-@pytest.fixture
-def proved(dobc, tmp_path):
-    """ring.toml and its certificate, with everything that is cheap to prove."""
-    Path("ring.toml").write_text(RING, encoding="utf-8")
-    certified(load_problem("ring.toml")).save(tmp_path / "proof")
-    return tmp_path / "proof"
 
 
 def test_a_certificate_is_drawn_into_the_figure_and_bounds_the_end(dobc, proved):

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from certified import certified
+from problem_texts import RING
 
-from dobc_design import load_problem, load_trajectory, simulate
+from dobc_design import load_trajectory, simulate
 from dobc_design.simulation.setting import Failure, Stress, stress_to_json
 
 
@@ -17,31 +17,6 @@ from dobc_design.simulation.setting import Failure, Stress, stress_to_json
 def dobc(command_line):
     """Run the command line in an empty folder: exit code, standard output, standard error."""
     return partial(command_line, "stress")
-
-
-RING = """\
-name = "ring"
-target = 1
-[network]
-agents = 3
-arrow = "listens_to"
-[network.modes]
-G = [[1, 2], [2, 3], [3, 1]]
-[coupling]
-h = "exp(y) - 1 + y"
-[pinning]
-gains = 3
-[region]
-initial_states = [0, 2]
-"""
-
-
-@pytest.fixture
-def proved(dobc, tmp_path):
-    """ring.toml and its certificate, with everything that is cheap to prove."""
-    Path("ring.toml").write_text(RING, encoding="utf-8")
-    certified(load_problem("ring.toml")).save(tmp_path / "proof")
-    return tmp_path / "proof"
 
 
 @pytest.mark.parametrize(

@@ -44,3 +44,21 @@ def without_region_text(name: str) -> str:
     shorter = re.sub(r"^\[region\].*?^\n", "", text, flags=re.MULTILINE | re.DOTALL)
     assert shorter != text
     return shorter
+
+
+#: ring.toml: three agents in a circle, all pinned, with a region.
+RING = """\
+name = "ring"
+target = 1
+[network]
+agents = 3
+arrow = "listens_to"
+[network.modes]
+G = [[1, 2], [2, 3], [3, 1]]
+[coupling]
+h = "exp(y) - 1 + y"
+[pinning]
+gains = 3
+[region]
+initial_states = [0, 2]
+"""

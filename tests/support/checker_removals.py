@@ -53,6 +53,7 @@ EQUIVALENT = {
     "p.n * p.m <= ROWS": "it bounds the work.",
     "reach <= GROWTH": "it bounds the work.",
     "len(G) <= MODES": "it bounds the work.",
+    "not halvings": "it ends the search: without it a part that is not shown is halved for ever.",
     "halvings > 0": "it ends the search: without it a box that is not shown is cut for ever.",
     "rate * each.times[-1] <= LONGEST": "it bounds the work: the weights would have to fall as far.",
     "len(free) <= 12": "it bounds the work.",

@@ -25,6 +25,11 @@ ONE_WAY = (
     "Every line of {file} is one arc, and no two agents hear each other. If its edges have no direction, add a header"
     " with a column type and write Undirected there, or list each edge both ways."
 )
+UNWEIGHTED = (
+    "Every arc has the weight 1: no edge of {file} has an attribute called weight, w or value with another number. If"
+    " another attribute is meant, call it weight."
+)
+GRAPHS = (".graphml", ".gml")
 LINES = (".csv", ".tsv", ".edges", ".edgelist", ".txt")
 
 
@@ -58,7 +63,11 @@ def problem_from_file(
         labels, arcs = read_network_file(
             path.name, folder=folder, arrow=arrow, key="arcs", merge=merge, drop_loops=drop_loops
         )
-        sentences = [*ARCS_ONLY, ONE_WAY] if suffix in LINES and _goes_one_way(arcs) else ARCS_ONLY
+        sentences = list(ARCS_ONLY)
+        if suffix in LINES and _goes_one_way(arcs):
+            sentences.append(ONE_WAY)
+        if suffix in GRAPHS and set(arcs.weights) == {1}:
+            sentences.append(UNWEIGHTED)
         notes = [note.format(file=path.name) for note in sentences]
         return Problem(name=name, network=Network(labels=labels, modes={"G": arcs}), coupling="y", notes=notes)
     if suffix == ".toml":

@@ -32,6 +32,17 @@ def test_a_csv_file_of_arcs_becomes_a_problem_once_the_arrow_is_said(tmp_path):
         dd.problem_from_file(path, arrow="hears")
 
 
+@pytest.mark.parametrize(("attribute", "told"), [("weight", False), ("strength", True)])
+def test_a_graph_whose_weights_have_another_name_says_that_its_arcs_weigh_one(tmp_path, attribute: str, told: bool):
+    networkx = pytest.importorskip("networkx")
+    graph = networkx.DiGraph()
+    graph.add_edge("a", "b", **{attribute: 2.5})
+    networkx.write_graphml(graph, tmp_path / "net.graphml")
+    problem = dd.problem_from_file(tmp_path / "net.graphml", arrow="listens_to")
+    assert [w for _, _, w in problem.network.modes["G"]] == [1 if told else 2.5]
+    assert any("call it weight" in note for note in problem.notes) is told
+
+
 def test_graphml_and_edge_lists_keep_the_order_of_their_labels(tmp_path):
     networkx = pytest.importorskip("networkx")
     graph = networkx.DiGraph([("b", "a"), ("a", "c")])

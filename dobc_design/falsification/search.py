@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -24,6 +25,7 @@ from dobc_design.conditions.equilibrium.decide import LARGEST, Equilibrium, encl
 from dobc_design.conditions.observer.propose import observer_gain
 from dobc_design.conditions.schedule.cycles import may_stay
 from dobc_design.errors import wrong
+from dobc_design.exact.work import STAGE, WorkLimitError, at_most, spend
 from dobc_design.falsification import starts as sets
 from dobc_design.falsification.starts import CORNERS, EDGES, RANDOM, Certified, Level, Pair, Runs, Signals, StartSet
 from dobc_design.falsification.suspect import LEAVES, RESTS, STAYS_AWAY, Falsification, Suspect
@@ -368,23 +370,29 @@ ROUGH_STEPS, ROUGH_WORK = 3000, 600_000  # most steps of each, and most steps ti
 SAMPLES = 21
 STEPS = 60
 CLOSE = 1e-11  # |F|_inf of a root, relative to the slopes and to the size of e
+RUNS_WORK, ROOT_WORK = 5000, 300  # steps of work for the runs of one mode, and for one root
 AT_TARGET = 1e-4  # |e|_inf below which a root is the target, relative to the farthest point
 SAME = 1e-6  # relative distance of roots that are one
 
 
 def equilibrium_check(problem: Problem) -> Check | None:
-    """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing."""
+    """Look for a second equilibrium in the region asked for; the check that refutes, or None, which says nothing.  It
+    takes the work of one stage: of very many modes only the first are looked at."""
     known = problem.region is not None and problem.node is None and problem.leader is None
     if not known or problem.n * problem.m > LARGEST:
         return None
     best = None
     with surviving("the search for equilibria failed"), np.errstate(all="ignore"):
-        best = _nearest(problem)
+        found = list[Equilibrium]()
+        with at_most(STAGE), suppress(WorkLimitError):
+            for claim in _in_modes(problem):
+                found.append(claim)
+        best = min(found, key=lambda claim: float(np.max(np.abs(point_of(claim)))), default=None)
     return None if best is None else refuting_check(problem, best)
 
 
-def _nearest(problem: Problem) -> Equilibrium | None:
-    """The nearest proved equilibrium over all modes."""
+def _in_modes(problem: Problem) -> Iterator[Equilibrium]:
+    """The nearest proved equilibrium of each mode that has one."""
     arena = sets.make_arena(problem, no_gain(problem))  # eps = 0
     box = sets.asked_box(problem, arena.loop, disturbance=0.0)
     arcs = sum(len(each) for each in problem.network.modes.values())
@@ -392,17 +400,17 @@ def _nearest(problem: Problem) -> Equilibrium | None:
     count = max(LEAST_STARTS, min(shared, MOST_ARCS // max(1, arcs)))  # of one kind in one mode
     length = sum(len(text) for coupling in problem.couplings for text in coupling.texts)
     most = max(1, min(ROUGH_STEPS, ROUGH_WORK // length))
-    horizon, rng, found = sets.settling_horizon(problem), np.random.default_rng(0), list[Equilibrium]()
+    horizon, rng = sets.settling_horizon(problem), np.random.default_rng(0)
     for number, mode in enumerate(arena.modes):
         if not may_stay(problem, mode) or unreached(problem, [problem.network.modes[mode]]):
             continue  # what rests in such a mode is moved by others: no refutation by the contract
+        spend(RUNS_WORK)
         e = np.concatenate([box.draw(rng, count, kind)[0] for kind in (sets.CORNERS, sets.RANDOM)], axis=1)
         none, constant = np.zeros((problem.n, problem.q, 2 * count)), sets.constant_signals(np.full(2 * count, number))
         rough = partial(sets.run_starts, horizon=horizon, tolerance=ROUGH, samples=SAMPLES, most=most)
         runs = rough(arena, e, none, constant)
         points = [*runs.ends.T[runs.stalled & ~runs.diverged], *e.T]
-        found += proved_equilibria(problem, mode, points, starts=box, within_region=True, most=1)
-    return min(found, key=lambda claim: float(np.max(np.abs(point_of(claim)))), default=None)
+        yield from proved_equilibria(problem, mode, points, starts=box, within_region=True, most=1)
 
 
 def proved_equilibria(
@@ -444,6 +452,7 @@ def find_roots(problem: Problem, mode: str, points: Sequence[Array]) -> Iterator
 
     least = AT_TARGET * max((float(np.max(np.abs(point))) for point in points), default=0.0)
     for point in points:
+        spend(ROOT_WORK)
         root = _root(value, slope, point, least)
         if root is not None and all(np.max(np.abs(root - other)) > SAME * np.max(np.abs(root)) for other in known):
             known.append(root)

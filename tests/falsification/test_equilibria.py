@@ -58,6 +58,24 @@ def test_one_mode_that_has_one_is_enough():
 
 
 @pytest.mark.usefixtures("few_starts")
+def test_of_more_modes_than_the_work_is_for_the_first_are_looked_at(monkeypatch: pytest.MonkeyPatch):
+    """The same mode over and over: what was found when the work ends is kept, and nothing begins after it."""
+    looked = list[str]()
+
+    def roots(problem: Problem, mode: str, points: list[np.ndarray]):
+        looked.append(mode)
+        yield from find_roots(problem, mode, points)
+
+    monkeypatch.setattr(search, "find_roots", roots)
+    monkeypatch.setattr(search, "STAGE", 3 * search.RUNS_WORK + 40 * search.ROOT_WORK)
+    pair = {f"m{k}": [[1, 2], [2, 1]] for k in range(9)}
+    network = Network.from_arcs(pair, arrow="listens_to", agents=2)
+    many = Problem(network=network, coupling="sin(y)", gains="1/10", region={"initial_states": [-5, 5]})
+    monkeypatch.setattr(search, "STARTS", 72)
+    assert equilibrium_check(many) is not None
+    assert looked == list(pair)[: len(looked)] != list(pair)
+
+
 @pytest.mark.parametrize("h", [PAPER, "tanh(y)", "y + y**3", "clip(y, -1, 1)"])
 def test_monotone_couplings_with_one_pin_have_none(h: str):
     """Theory, section 5: every start converges, so that a second equilibrium would be a contradiction."""

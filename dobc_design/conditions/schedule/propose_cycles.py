@@ -133,6 +133,7 @@ TRIED_CURVED: Final = (
 )
 ROOM: Final = 0.998  # of a rate, that is claimed
 HANDED: Final = 1  # steps of work for what one phase hands over
+SUCCESSORS: Final = 10  # phases that take over, for one more step
 ENDS: Final = 24  # parts of the times at which a phase may end
 MOST_STEPS: Final = 500
 MOST_COORDINATES: Final = 3
@@ -394,7 +395,7 @@ class _Linear:
         """How far weights shrink when every phase hands over at once, as a logarithm."""
         x = [np.ones(n) for _ in self.phases]
         for _ in range(ITERATIONS):
-            spend(HANDED * len(self.phases))
+            spend(sum(_work(phase) for phase in self.phases))
             found = [np.zeros(n) for _ in self.phases]
             for p, phase in enumerate(self.phases):
                 handed = self.handed(p, x[p], 0.0)
@@ -403,6 +404,11 @@ class _Linear:
             size = max(float(each.max()) for each in found)
             yield -math.log(size) if size > 0 else math.inf
             x = [each / size for each in found] if size > 0 else x
+
+
+def _work(phase: Phase) -> int:
+    """Steps of work for what a phase hands over: with a dwell time to every other mode."""
+    return HANDED + len(phase.successors) // SUCCESSORS
 
 
 def _in_turn(phases: Sequence[Phase]) -> bool:
@@ -434,7 +440,7 @@ def _settled(
     for _ in range(steps):
         settled = True
         for p, phase in enumerate(phases):
-            spend(HANDED)
+            spend(_work(phase))
             found = handed(p, x[p])
             if found is None or float(found.max()) > 0.95 * most:
                 return None
